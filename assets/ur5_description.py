@@ -1,0 +1,35 @@
+"""Where the UR5's URDF and meshes lie: the single source for MuJoCo and Pinocchio."""
+
+from importlib.metadata import distribution
+from pathlib import Path
+
+from laploop.errors import MissingFileError
+
+FLANGE = "tool0"
+"""Name of the flange body (MuJoCo) and frame (Pinocchio)."""
+
+JOINT_NAMES = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+
+
+def description_dir() -> Path:
+    """Return the folder `ur_description` of the installed example-robot-data.
+
+    Raises:
+        MissingFileError: If the package lacks it.
+    """
+    root = Path(str(distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots/ur_description")))
+    if not root.is_dir():
+        raise MissingFileError("UR5 description", root, "reinstall example-robot-data")
+    return root
+
+
+def urdf_path() -> Path:
+    """Return the URDF of the UR5."""
+    return description_dir() / "urdf" / "ur5_robot.urdf"

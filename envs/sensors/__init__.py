@@ -1,0 +1,1 @@
+"""Ray-cast sensors: the stripe camera and what it is made of."""

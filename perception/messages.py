@@ -1,0 +1,58 @@
+"""What the stages of the loop say to each other. All times are integer nanoseconds of simulated time."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.errors import InvalidValueError
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StripeFrame:
+    """One image of the camera channel."""
+
+    index: int
+    image: NDArray[np.uint8]
+    """(height, width), grey values."""
+    captured_ns: int
+    available_ns: int
+    world_from_camera: NDArray[np.float64]
+    """4x4, computer-vision camera, from the camera arm's kinematics at the time of capture."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DepthEstimate:
+    """What an estimator says about one image."""
+
+    depth_mm: NDArray[np.float32]
+    """(height, width), z-depth; what it holds where `valid` is False means nothing, but it is finite."""
+    valid: NDArray[np.bool_]
+    """(height, width), where the estimator stands by its value."""
+
+    def __post_init__(self) -> None:
+        """Check shapes and types.
+
+        Raises:
+            InvalidValueError: If the arrays do not belong together or a valid depth is not finite.
+        """
+        if self.depth_mm.ndim != 2 or self.depth_mm.shape != self.valid.shape:
+            raise InvalidValueError("shape of depth_mm and valid", (self.depth_mm.shape, self.valid.shape), "two equal (height, width)")
+        if self.depth_mm.dtype != np.float32 or self.valid.dtype != np.bool_:
+            raise InvalidValueError("types of depth_mm and valid", (self.depth_mm.dtype, self.valid.dtype), "float32 and bool")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DepthFrame:
+    """A depth estimate on its way from the perception stage to its consumers, who see it from `available_ns` on."""
+
+    index: int
+    estimate: DepthEstimate
+    captured_ns: int
+    available_ns: int
+    world_from_camera: NDArray[np.float64]
+    """4x4, as in the stripe frame that it was made from."""
+
+    def age_ns(self, now_ns: int) -> int:
+        """Time since capture."""
+        return now_ns - self.captured_ns

@@ -1,0 +1,52 @@
+"""Every error that laploop raises on purpose.
+
+Each class is a `LaploopError` and also the built-in that fits it, so that callers may catch either. A message says what was
+wrong, the offending value, and what is allowed.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+
+class LaploopError(Exception):
+    """Base of every error raised on purpose by laploop."""
+
+
+class InvalidValueError(LaploopError, ValueError):
+    """A value lies outside what is allowed."""
+
+    def __init__(self, name: str, value: object, allowed: str) -> None:
+        """Name the value, show it, and say what is allowed."""
+        super().__init__(f"{name} is {value!r}; allowed: {allowed}")
+
+
+class UnknownNameError(LaploopError, ValueError):
+    """A name (of a task, an estimator, a motion, ...) that nobody registered."""
+
+    def __init__(self, kind: str, name: object, available: Iterable[str]) -> None:
+        """List what exists beside what was asked for."""
+        super().__init__(f"unknown {kind} {name!r}; available: {', '.join(sorted(available))}")
+
+
+class WeightsError(LaploopError, ValueError):
+    """Weights that are truncated, of another architecture, or not safetensors."""
+
+
+class MissingFileError(LaploopError, FileNotFoundError):
+    """A file that should be there is not."""
+
+    def __init__(self, what: str, path: Path | str, remedy: str) -> None:
+        """Say what is missing, where it was looked for, and how to get it."""
+        super().__init__(f"{what} not found at {path}; {remedy}")
+
+
+class OutputError(LaploopError, OSError):
+    """An output folder or file that cannot be written."""
+
+
+class SimulationError(LaploopError, RuntimeError):
+    """The physics became invalid (NaN, a MuJoCo warning, an impossible start)."""
+
+
+class InfeasibleError(LaploopError, RuntimeError):
+    """A control problem without a solution inside the limits."""

@@ -1,0 +1,1 @@
+"""Experiments on top of the theatre. Each returns a table and draws its figure."""
