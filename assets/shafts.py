@@ -22,4 +22,4 @@ LAPAROSCOPE = Shaft(length_m=0.420, diameter_m=0.012, tip_radius_m=0.0)
 """12 mm stereo endoscope; 383 mm from pivot to tip at full insertion (da Vinci ECM kinematics), plus its holder."""
 
 INSTRUMENT = Shaft(length_m=0.430, diameter_m=0.005, tip_radius_m=0.0015)
-"""5 mm instrument, 400 mm long, plus its holder; the 1.5 mm ball end is that of perforation tests (Surg Endosc 2003;17:1923)."""
+"""5 mm instrument, 400 mm long, plus its holder; a 1.5 mm ball end as in perforation tests (Surg Endosc 2003;17:1923)."""

@@ -34,12 +34,14 @@ class DepthEstimate:
         """Check shapes and types.
 
         Raises:
-            InvalidValueError: If the arrays do not belong together or a valid depth is not finite.
+            InvalidValueError: If the two arrays do not belong together or have other types.
         """
-        if self.depth_mm.ndim != 2 or self.depth_mm.shape != self.valid.shape:
-            raise InvalidValueError("shape of depth_mm and valid", (self.depth_mm.shape, self.valid.shape), "two equal (height, width)")
-        if self.depth_mm.dtype != np.float32 or self.valid.dtype != np.bool_:
-            raise InvalidValueError("types of depth_mm and valid", (self.depth_mm.dtype, self.valid.dtype), "float32 and bool")
+        shapes = (self.depth_mm.shape, self.valid.shape)
+        if self.depth_mm.ndim != 2 or shapes[0] != shapes[1]:
+            raise InvalidValueError("shape of depth_mm and valid", shapes, "two equal (height, width)")
+        types = (str(self.depth_mm.dtype), str(self.valid.dtype))
+        if types != ("float32", "bool"):
+            raise InvalidValueError("type of depth_mm and valid", types, "float32 and bool")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

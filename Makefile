@@ -1,0 +1,48 @@
+# Both main targets set everything up by themselves: Python 3.11 or newer and make are all they need.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+SEED ?= 0
+
+.PHONY: demo test test-slow lint types floors pytest examples bench clean help
+
+help:
+	@echo "make demo       run the closed loop on breathing tissue; results in runs/demo"
+	@echo "make test       everything that gates a change"
+	@echo "make test-slow  the long tests too"
+	@echo "make bench      measure every stage; results in runs/bench"
+
+$(STAMP): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "laploop needs Python 3.11 or newer; this is " + sys.version.split()[0] + " (choose another with make PYTHON=...)")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]"
+	@touch $(STAMP)
+
+demo: $(STAMP)
+	$(BIN)/laploop run --task reach --perception compact --motion breathing --seed $(SEED) --seconds 12 --out runs/demo
+	@$(BIN)/python -P -c 'import json, sys; done = json.load(open("runs/demo/summary.json"))["success"]; sys.exit(0 if done else "the demo run did not succeed")'
+
+test: lint types floors pytest
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(STAMP)
+	$(BIN)/mypy
+
+floors: $(STAMP)
+	$(BIN)/lint-imports
+
+pytest: $(STAMP)
+	$(BIN)/pytest -m "not slow"
+
+test-slow: $(STAMP)
+	$(BIN)/pytest -m slow --timeout 3600
+
+bench: $(STAMP)
+	$(BIN)/laploop bench --out runs/bench
+
+clean:
+	rm -rf $(VENV) runs .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

@@ -1,0 +1,128 @@
+"""The blunt probe that the tool arm holds, with a force sensor behind its tip."""
+
+import math
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from laploop.assets.laparoscope import SHAFT_TIP
+from laploop.assets.shafts import INSTRUMENT, Shaft
+from laploop.assets.ur5 import ARM_COLLISION_BIT, ARM_GROUP
+
+TIP_FORCE = "tip_force"
+"""Name of the force sensor and of its site, whose frame is parallel to the shaft's."""
+
+TISSUE_COLLISION_BIT = 1
+"""Contact type of the tissue and of what can touch it."""
+
+VISIBLE_GROUP = 1
+"""Geom group of whatever the endoscope can see."""
+
+COLLISION_GROUP = 3
+"""Geom group of geoms that exist for contact alone."""
+
+HOLDER_LENGTH_M = 0.030
+"""What a 430 mm shaft has beyond the 400 mm of the instrument (see `shafts.INSTRUMENT`)."""
+
+NECK_LENGTH_M = 0.010
+TAPER_LENGTH_M = 0.014
+_DISTAL_LENGTH_M = 0.045
+"""Length of the full-width shaft behind the taper that can touch tissue."""
+
+_STEEL = 7850.0
+"""kg/m^3."""
+
+_TISSUE_FRICTION = (0.05, 1e-4, 1e-5)
+"""Sliding friction at the upper end of 0.007-0.054, measured for small bowel against steel (Tribol Lett, 2013)."""
+
+
+def build_instrument(*, shaft: Shaft = INSTRUMENT) -> Any:
+    """Build the instrument as a `mujoco.MjSpec` whose world frame is the flange, z along the shaft.
+
+    From the tip: a ball end of radius `tip_radius_m` on a neck of the same radius, a taper, and the shaft. Neck and taper are
+    a body of their own, so that the force sensor between it and the shaft reads what touches the tip, and little weight.
+    """
+    spec = mujoco.MjSpec()
+    spec.modelname = "instrument"
+    radius = 0.5 * shaft.diameter_m
+    body = spec.worldbody.add_body(name="instrument", gravcomp=1.0)
+    arm_contact = {"contype": ARM_COLLISION_BIT, "conaffinity": ARM_COLLISION_BIT, "density": _STEEL}
+    tissue_contact = {
+        "contype": TISSUE_COLLISION_BIT,
+        "conaffinity": TISSUE_COLLISION_BIT,
+        "condim": 1,
+        "friction": _TISSUE_FRICTION,
+    }
+    steel = [0.75, 0.76, 0.78, 1.0]
+    body.add_geom(
+        name="holder",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        fromto=[0.0, 0.0, 0.0, 0.0, 0.0, HOLDER_LENGTH_M],
+        size=[0.018, 0.0, 0.0],
+        group=ARM_GROUP,
+        rgba=[0.25, 0.25, 0.28, 1.0],
+        **{**arm_contact, "density": 1500.0},
+    )
+    taper_start = shaft.length_m - NECK_LENGTH_M - TAPER_LENGTH_M
+    body.add_geom(
+        name="shaft",
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        fromto=[0.0, 0.0, HOLDER_LENGTH_M, 0.0, 0.0, taper_start],
+        size=[radius, 0.0, 0.0],
+        group=VISIBLE_GROUP,
+        rgba=steel,
+        **arm_contact,
+    )
+    body.add_geom(
+        name="distal_shaft_contact",
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[0.0, 0.0, taper_start - _DISTAL_LENGTH_M, 0.0, 0.0, taper_start],
+        size=[radius, 0.0, 0.0],
+        group=COLLISION_GROUP,
+        mass=0.0,
+        **tissue_contact,
+    )
+    tip = body.add_body(name="tip", pos=[0.0, 0.0, shaft.length_m], gravcomp=1.0)
+    tip.add_geom(
+        name="tip",
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        fromto=[0.0, 0.0, -NECK_LENGTH_M, 0.0, 0.0, 0.0],
+        size=[shaft.tip_radius_m, 0.0, 0.0],
+        group=VISIBLE_GROUP,
+        density=_STEEL,
+        rgba=steel,
+        **tissue_contact,
+    )
+    _add_taper(spec, tip, top_radius=radius, end_radius=shaft.tip_radius_m, rgba=steel)
+    tip.add_site(name=SHAFT_TIP, size=[0.0005, 0.0005, 0.0005], group=4)
+    tip.add_site(name=TIP_FORCE, pos=[0.0, 0.0, -NECK_LENGTH_M - TAPER_LENGTH_M], size=[0.0005, 0.0005, 0.0005], group=4)
+    spec.add_sensor(
+        name=TIP_FORCE,
+        type=mujoco.mjtSensor.mjSENS_FORCE,
+        objtype=mujoco.mjtObj.mjOBJ_SITE,
+        objname=TIP_FORCE,
+    )
+    return spec
+
+
+def _add_taper(spec: Any, tip: Any, *, top_radius: float, end_radius: float, rgba: list[float]) -> None:
+    """Join neck and shaft by a frustum, in the tip's frame; it is seen, but its neighbours do the touching."""
+    sectors = 24
+    angle = np.arange(sectors) * (2.0 * math.pi / sectors)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    rings = [
+        np.column_stack([radius * circle, np.full(sectors, z)])
+        for radius, z in ((top_radius, -NECK_LENGTH_M - TAPER_LENGTH_M), (end_radius, -NECK_LENGTH_M))
+    ]
+    spec.add_mesh(name="taper", uservert=np.concatenate(rings).ravel())
+    tip.add_geom(
+        name="taper",
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname="taper",
+        group=VISIBLE_GROUP,
+        contype=0,
+        conaffinity=0,
+        density=_STEEL,
+        rgba=rgba,
+    )

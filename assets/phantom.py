@@ -1,0 +1,106 @@
+"""The deformable phantom: a fine solid mesh carried by a coarse lattice of interpolated flex cells."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from laploop.assets.instrument import TISSUE_COLLISION_BIT, VISIBLE_GROUP
+from laploop.assets.tissue_shape import TissueMesh, TissueShape
+from laploop.errors import InvalidValueError
+
+TISSUE = "tissue"
+"""Name of the flex."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TissueMaterial:
+    """Mechanics of the phantom; the defaults lie in the small-strain range of soft tissue, 2-30 kPa."""
+
+    young_pa: float = 20_000.0
+    poisson: float = 0.45
+    """0.45-0.48 keeps a nearly incompressible solid numerically sound."""
+    density: float = 1060.0
+    """kg/m^3, liver (Phys Med Biol 2019;64:225001)."""
+    damping_s: float = 0.02
+    """Rayleigh damping in proportion to the stiffness: a vibration dies out within a few periods."""
+    contact_time_s: float = 0.006
+    """Time constant of a contact; at least twice the physics step."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If a field lies outside its range.
+        """
+        if not 100.0 <= self.young_pa <= 1e6:
+            raise InvalidValueError("young_pa", self.young_pa, "100 to 1e6 Pa")
+        if not 0.0 <= self.poisson <= 0.49:
+            raise InvalidValueError("poisson", self.poisson, "0 to 0.49")
+        if not 100.0 <= self.density <= 5000.0:
+            raise InvalidValueError("density", self.density, "100 to 5000 kg/m^3")
+        if not 0.0 <= self.damping_s <= 1.0:
+            raise InvalidValueError("damping_s", self.damping_s, "0 to 1 s")
+        if not 0.001 <= self.contact_time_s <= 0.1:
+            raise InvalidValueError("contact_time_s", self.contact_time_s, "0.001 to 0.1 s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TissueConfig:
+    """Shape, mechanics and resolution of the phantom."""
+
+    shape: TissueShape = field(default_factory=TissueShape)
+    material: TissueMaterial = field(default_factory=TissueMaterial)
+    cells: tuple[int, int, int] = (8, 8, 2)
+    """Lattice cells along x, y and z; cost grows with their number, and so does the detail of a dent."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If a number of cells lies outside its range.
+        """
+        if len(self.cells) != 3 or not all(1 <= count <= 32 for count in self.cells):
+            raise InvalidValueError("cells", self.cells, "three integers from 1 to 32")
+
+    @property
+    def nodes(self) -> tuple[int, int, int]:
+        """Lattice nodes along x, y and z."""
+        x, y, z = self.cells
+        return x + 1, y + 1, z + 1
+
+
+def build_phantom(mesh: TissueMesh, config: TissueConfig) -> Any:
+    """Build the phantom as a `mujoco.MjSpec` with one body, whose origin is below the middle of its flat bottom.
+
+    Nodes of the bottom layer are fixed to that body; everything above is free and elastic.
+    """
+    material = config.material
+    cells, nodes = config.cells, config.nodes
+    points = " ".join(map(repr, mesh.points.ravel().tolist()))
+    elements = " ".join(map(str, mesh.tetrahedra.ravel().tolist()))
+    volume = _volume(mesh)
+    xml = f"""
+<mujoco model="phantom">
+  <option integrator="discrete"/>
+  <worldbody>
+    <body name="phantom">
+      <flexcomp name="{TISSUE}" type="direct" dim="3" dof="trilinear" cellcount="{cells[0]} {cells[1]} {cells[2]}"
+                radius="0.0001" mass="{volume * material.density!r}" rgba="0.86 0.52 0.46 1" group="{VISIBLE_GROUP}"
+                point="{points}" element="{elements}">
+        <elasticity young="{material.young_pa!r}" poisson="{material.poisson!r}" damping="{material.damping_s!r}"/>
+        <contact contype="{TISSUE_COLLISION_BIT}" conaffinity="{TISSUE_COLLISION_BIT}" condim="1" selfcollide="none"
+                 solref="{material.contact_time_s!r} 1" friction="0.0 0.0 0.0"/>
+        <pin gridrange="0 0 0 {nodes[0] - 1} {nodes[1] - 1} 0"/>
+      </flexcomp>
+    </body>
+  </worldbody>
+</mujoco>"""
+    return mujoco.MjSpec.from_string(xml)
+
+
+def _volume(mesh: TissueMesh) -> float:
+    corners = mesh.points[mesh.tetrahedra]
+    edges = corners[:, 1:] - corners[:, :1]
+    return float(np.linalg.det(edges).sum() / 6.0)

@@ -1,0 +1,109 @@
+"""What a trocar asks of an arm, as Pink knows tasks and limits.
+
+With `p = R^T (t - x)` the trocar t seen in the shaft's frame (rotation R, origin x, z along the shaft to its tip), the shaft
+passes through the trocar when `p_x = p_y = 0`, and `-p_z` of it is inserted. The trocar rests in the world, so with the
+shaft's body velocity (v, w) = (J_v, J_w) dq
+
+    dp = -v - w x p = (-J_v + skew(p) J_w) dq,
+
+the first two rows of which are the Jacobian of the remote centre of motion, the third that of the inserted length's negative.
+"""
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+from pink import Configuration, Task
+from pink.limits import Limit
+
+from laploop.control.robot import SHAFT_TIP, checked_vector, read_only
+from laploop.errors import InvalidValueError
+
+Array = NDArray[np.float64]
+
+
+def trocar_in_shaft(configuration: Configuration, trocar_in_world: Array) -> Array:
+    """Return the trocar point p in the shaft's frame, (3,), metres."""
+    pose = configuration.get_transform_frame_to_world(SHAFT_TIP)
+    return np.array(pose.actInv(trocar_in_world))
+
+
+def trocar_jacobian(configuration: Configuration, point_in_shaft: Array) -> Array:
+    """Return the derivative (3, nv) of the trocar point in the shaft's frame with respect to the joint angles."""
+    jacobian = configuration.get_frame_jacobian(SHAFT_TIP)
+    return np.array(pin.skew(point_in_shaft) @ jacobian[3:] - jacobian[:3])
+
+
+class RcmTask(Task):
+    """Keep the shaft's axis on the trocar: two rows, metres.
+
+    Meant as a hard constraint. A constraint of Pink holds to first order a step, so what an earlier step left over is fed
+    back: `feedback` of it a step, but never more than `max_correction_m`, so that a large error is walked back and not
+    jumped over.
+    """
+
+    def __init__(self, trocar_in_world: ArrayLike, *, feedback: float = 0.5, max_correction_m: float = 4e-5) -> None:
+        """Take the trocar, (3,), in the world's frame.
+
+        Args:
+            trocar_in_world: The point that the axis must meet.
+            feedback: Share of the error that one step takes out, above 0 and at most 1.
+            max_correction_m: Longest way that the axis moves in one step to correct itself.
+
+        Raises:
+            InvalidValueError: If an argument lies outside its range.
+        """
+        if not 0.0 < feedback <= 1.0:
+            raise InvalidValueError("feedback", feedback, "above 0 and at most 1")
+        if not max_correction_m > 0.0:
+            raise InvalidValueError("max_correction_m", max_correction_m, "above 0")
+        super().__init__(cost=1.0, gain=feedback)
+        self._max_error_m = max_correction_m / feedback
+        self._trocar_in_world = read_only(checked_vector("trocar_in_world", trocar_in_world, 3))
+
+    def offset(self, configuration: Configuration) -> Array:
+        """Return the lateral offset of the trocar in the shaft's frame, (2,), metres."""
+        return trocar_in_shaft(configuration, self._trocar_in_world)[:2]
+
+    def compute_error(self, configuration: Configuration) -> Array:
+        """Return the offset, (2,), cut to the length that one step may work on."""
+        offset = self.offset(configuration)
+        return offset * min(1.0, self._max_error_m / max(float(np.hypot(offset[0], offset[1])), 1e-12))
+
+    def compute_jacobian(self, configuration: Configuration) -> Array:
+        """Return the derivative of the offset, (2, nv)."""
+        point = trocar_in_shaft(configuration, self._trocar_in_world)
+        return trocar_jacobian(configuration, point)[:2]
+
+    def __repr__(self) -> str:
+        """Show the trocar."""
+        return f"RcmTask(trocar_in_world={self._trocar_in_world.tolist()}, feedback={self.gain})"
+
+
+class InsertionLimit(Limit):
+    """Keep the inserted length of the shaft within bounds.
+
+    A step may use at most half of the way that is left, so that the arm comes to rest at the bound. Beyond a bound it only
+    forbids going farther: standing still stays allowed, and the problem solvable.
+    """
+
+    _GAIN = 0.5
+
+    def __init__(self, trocar_in_world: ArrayLike, *, min_m: float, max_m: float) -> None:
+        """Take the trocar, (3,), in the world's frame and the bounds of the length between it and the tip.
+
+        Raises:
+            InvalidValueError: If the bounds are not in order.
+        """
+        if not 0.0 <= min_m < max_m:
+            raise InvalidValueError("insertion limits in metres", (min_m, max_m), "0 <= min < max")
+        self._trocar_in_world = read_only(checked_vector("trocar_in_world", trocar_in_world, 3))
+        self._min_m = min_m
+        self._max_m = max_m
+
+    def compute_qp_inequalities(self, configuration: Configuration, dt: float) -> tuple[Array, Array]:  # noqa: ARG002 - Pink's signature
+        """Return G (2, nv) and h (2,) of `G dq <= h`."""
+        point = trocar_in_shaft(configuration, self._trocar_in_world)
+        deeper = -trocar_jacobian(configuration, point)[2]
+        inserted = -float(point[2])
+        left = self._GAIN * np.array([self._max_m - inserted, inserted - self._min_m])
+        return np.stack([deeper, -deeper]), np.maximum(left, 0.0)

@@ -1,0 +1,270 @@
+"""Tip velocity in, joint reference out, with the shaft held on its trocar."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import qpsolvers
+from numpy.typing import ArrayLike, NDArray
+from pink import Configuration, FrameTask, PostureTask, build_ik
+from pink.limits import AccelerationLimit, ConfigurationLimit, Limit, VelocityLimit
+
+from laploop.control.rcm import InsertionLimit, RcmTask, trocar_in_shaft
+from laploop.control.robot import SHAFT_TIP, ArmModel, checked_vector, read_only
+from laploop.errors import InfeasibleError, InvalidValueError
+
+Array = NDArray[np.float64]
+
+_AT_REST_RADPS = 1e-6
+
+
+class RcmStatus(StrEnum):
+    """What became of the last step."""
+
+    TRACKING = "tracking"
+    """The tip moved as asked."""
+    LIMITED = "limited"
+    """A limit of the joints or of the insertion holds the tip back."""
+    HELD = "held"
+    """The problem had no solution: the arm brakes, and stands still if even that has none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RcmControllerConfig:
+    """Limits and weights of `RcmController`.
+
+    The tip's speed and acceleration are bounded because a hard constraint holds to first order a step: at 60 mm/s and 125 Hz
+    a step of 0.5 mm leaves some micrometres at the trocar, which the next step takes out.
+    """
+
+    max_tip_speed_mps: float = 0.06
+    max_tip_acceleration_mps2: float = 1.0
+    max_joint_speed_radps: float = 1.0
+    """Of each joint of the reference, besides the arm's own limit; slows the arm down where a singularity comes near."""
+    max_joint_acceleration_radps2: float = 15.0
+    """Of each joint of the reference."""
+    min_insertion_m: float = 0.02
+    max_insertion_m: float | None = None
+    """Longest way from the trocar to the tip; None is the shaft's length less 50 mm, to keep the flange off the wall."""
+    rcm_feedback: float = 0.5
+    """Share of the trocar's error that one step takes out."""
+    max_rcm_correction_mps: float = 0.005
+    max_start_error_m: float = 1e-3
+    """Largest trocar error of a posture that `reset` accepts."""
+    max_lag_m: float = 5e-4
+    """How far the reference of the tip may run ahead of a tip that limits hold back."""
+    tip_cost_per_m: float = 1e3
+    posture_cost_per_rad: float = 1e-2
+    """Weight of the pull to the posture of `reset`; far below the tip's, it acts on the roll about the shaft only."""
+    posture_gain: float = 0.01
+    """Share of the posture's error that one step asks for."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If a field lies outside its range.
+        """
+        positive = (
+            "max_tip_speed_mps",
+            "max_tip_acceleration_mps2",
+            "max_joint_speed_radps",
+            "max_joint_acceleration_radps2",
+            "max_rcm_correction_mps",
+            "max_start_error_m",
+            "max_lag_m",
+            "tip_cost_per_m",
+            "posture_cost_per_rad",
+        )
+        for name in positive:
+            value = getattr(self, name)
+            if not 0.0 < value < math.inf:
+                raise InvalidValueError(name, value, "finite and above 0")
+        for name in ("rcm_feedback", "posture_gain"):
+            if not 0.0 < getattr(self, name) <= 1.0:
+                raise InvalidValueError(name, getattr(self, name), "above 0 and at most 1")
+        if not 0.0 <= self.min_insertion_m < math.inf:
+            raise InvalidValueError("min_insertion_m", self.min_insertion_m, "0 or more")
+        if self.max_insertion_m is not None and not self.min_insertion_m < self.max_insertion_m < math.inf:
+            raise InvalidValueError("max_insertion_m", self.max_insertion_m, f"above min_insertion_m ({self.min_insertion_m})")
+
+
+class RcmController:
+    """Differential inverse kinematics of one arm under its trocar.
+
+    Each step solves
+
+        minimise   |J dq - (x_ref - x)|^2 w_tip + |dq - g (q_0 - q)|^2 w_posture
+        subject to the trocar's two rows, and the limits of position, speed, acceleration and insertion,
+
+    and integrates the answer into a reference configuration of its own, so that noise of the measured joints does not
+    enter. The sixth degree of freedom, the roll about the shaft, follows the posture that `reset` was given. Without a
+    solution the arm brakes and holds.
+    """
+
+    def __init__(self, arm: ArmModel, trocar_in_world: ArrayLike, config: RcmControllerConfig) -> None:
+        """Set up the problem for an arm and its trocar, (3,), in the world's frame.
+
+        Raises:
+            InvalidValueError: If the trocar is not three finite numbers or the insertion limits contradict the shaft.
+        """
+        self._arm = arm
+        self._config = config
+        self._trocar_in_world = read_only(checked_vector("trocar_in_world", trocar_in_world, 3))
+        max_insertion = config.max_insertion_m if config.max_insertion_m is not None else arm.shaft.length_m - 0.05
+        # Pink hangs attributes on the model that it is given, so it gets one of its own.
+        model = arm.model.copy()
+        self._configuration = Configuration(model, model.createData(), np.zeros(model.nq))
+        self._tip_task = FrameTask(SHAFT_TIP, position_cost=config.tip_cost_per_m, orientation_cost=0.0)
+        self._posture_task = PostureTask(cost=config.posture_cost_per_rad, gain=config.posture_gain)
+        self._acceleration_limit = AccelerationLimit(model, np.full(model.nv, config.max_joint_acceleration_radps2))
+        self._limits: list[Limit] = [
+            ConfigurationLimit(model),
+            VelocityLimit(model, np.minimum(arm.max_joint_speed, config.max_joint_speed_radps)),
+            self._acceleration_limit,
+            InsertionLimit(trocar_in_world, min_m=config.min_insertion_m, max_m=max_insertion),
+        ]
+        self._qdot = np.zeros(model.nv)
+        self._tip_velocity = np.zeros(3)
+        self._tip_reference = np.zeros(3)
+        self._started = False
+        self._status = RcmStatus.TRACKING
+
+    @property
+    def last_status(self) -> RcmStatus:
+        """What became of the last step."""
+        return self._status
+
+    @property
+    def q(self) -> Array:
+        """Reference joint angles, (6,), read-only."""
+        return np.asarray(self._configuration.q)
+
+    @property
+    def rcm_error_m(self) -> float:
+        """Distance of the trocar from the axis of the reference's shaft."""
+        return float(np.linalg.norm(trocar_in_shaft(self._configuration, self._trocar_in_world)[:2]))
+
+    @property
+    def insertion_m(self) -> float:
+        """Length of the reference's shaft between the trocar and the tip."""
+        return -float(trocar_in_shaft(self._configuration, self._trocar_in_world)[2])
+
+    def reset(self, q: ArrayLike) -> None:
+        """Start at rest from joint angles q, (6,), whose shaft passes through the trocar.
+
+        Raises:
+            InvalidValueError: If q is not six finite numbers inside the limits.
+            InfeasibleError: If the shaft misses the trocar.
+        """
+        start = checked_vector("joint angles", q, self._arm.dof)
+        if np.any(start < self._arm.lower_position) or np.any(start > self._arm.upper_position):
+            limits = f"{self._arm.lower_position.tolist()} to {self._arm.upper_position.tolist()} rad"
+            raise InvalidValueError("joint angles", start.tolist(), limits)
+        miss = float(np.linalg.norm(self._arm.trocar_in_shaft(start, self._trocar_in_world)[:2]))
+        if miss > self._config.max_start_error_m:
+            raise InfeasibleError(
+                f"the shaft misses the trocar by {1e3 * miss:.3f} mm at the start; "
+                f"allowed: at most {1e3 * self._config.max_start_error_m:.3f} mm"
+            )
+        self._configuration.update(start)
+        self._posture_task.set_target(start)
+        self._qdot = np.zeros(self._arm.dof)
+        self._tip_velocity = np.zeros(3)
+        self._tip_reference = self._tip_in_world()
+        self._started = True
+        self._status = RcmStatus.TRACKING
+
+    def step(self, tip_velocity_in_world: ArrayLike, dt: float) -> tuple[Array, Array]:
+        """Move the reference for one control period.
+
+        Args:
+            tip_velocity_in_world: Wanted velocity of the tip, (3,), m/s; cut to the tip's speed and acceleration.
+            dt: Control period in seconds.
+
+        Returns:
+            Joint angles at the end of the period and the joint velocities that lead there, both (6,).
+
+        Raises:
+            InvalidValueError: If the velocity is not finite or the period not positive.
+            InfeasibleError: If `reset` was never called.
+        """
+        wanted = checked_vector("tip_velocity_in_world", tip_velocity_in_world, 3)
+        if not 0.0 < dt < math.inf:
+            raise InvalidValueError("dt", dt, "finite and above 0")
+        if not self._started:
+            raise InfeasibleError("the controller has no posture to start from; call reset(q) first")
+        before = self._tip_velocity
+        if not self._move(self._limited(wanted, before, dt), dt, self._limits):
+            # Joint accelerations that contradict the trocar give way to it while the tip brakes.
+            rest = [limit for limit in self._limits if limit is not self._acceleration_limit]
+            if not self._move(self._limited(np.zeros(3), before, dt), dt, rest):
+                self._stand_still()
+            self._status = RcmStatus.HELD
+        return self.q.copy(), self._qdot.copy()
+
+    def hold(self, dt: float) -> tuple[Array, Array]:
+        """Brake, and once at rest stand still without solving anything."""
+        if self._started and not self._tip_velocity.any() and float(np.abs(self._qdot).max()) < _AT_REST_RADPS:
+            self._qdot = np.zeros(self._arm.dof)
+            return self.q.copy(), self._qdot.copy()
+        return self.step(np.zeros(3), dt)
+
+    def problem(self, tip_reference_in_world: Array, dt: float, limits: list[Limit] | None = None) -> qpsolvers.Problem:
+        """Return the quadratic program of a step towards a tip position, (3,), in the world's frame.
+
+        Args:
+            tip_reference_in_world: Where the tip should be after the step.
+            dt: Control period in seconds.
+            limits: Inequalities to keep; all of the controller's when left out.
+        """
+        target = self._configuration.get_transform_frame_to_world(SHAFT_TIP)
+        target.translation = tip_reference_in_world
+        self._tip_task.set_target(target)
+        self._acceleration_limit.set_last_integration(self._qdot, dt)
+        trocar = RcmTask(
+            self._trocar_in_world,
+            feedback=self._config.rcm_feedback,
+            max_correction_m=self._config.max_rcm_correction_mps * dt,
+        )
+        return build_ik(
+            self._configuration,
+            [self._tip_task, self._posture_task],
+            dt,
+            limits=self._limits if limits is None else limits,
+            constraints=[trocar],
+        )
+
+    def _move(self, tip_velocity: Array, dt: float, limits: list[Limit]) -> bool:
+        reference = self._tip_reference + dt * tip_velocity
+        solution = qpsolvers.solve_problem(self.problem(reference, dt, limits), solver="daqp")
+        if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
+            return False
+        self._configuration.update(self._configuration.q + solution.x)
+        self._qdot = solution.x / dt
+        self._tip_velocity = tip_velocity
+        self._status = RcmStatus.TRACKING
+        tip = self._tip_in_world()
+        ahead = reference - tip
+        distance = float(np.linalg.norm(ahead))
+        if distance > self._config.max_lag_m:
+            ahead *= self._config.max_lag_m / distance
+            self._status = RcmStatus.LIMITED
+        self._tip_reference = tip + ahead
+        return True
+
+    def _stand_still(self) -> None:
+        self._qdot = np.zeros(self._arm.dof)
+        self._tip_velocity = np.zeros(3)
+        self._tip_reference = self._tip_in_world()
+
+    def _limited(self, wanted: Array, before: Array, dt: float) -> Array:
+        speed = float(np.linalg.norm(wanted))
+        wanted = wanted * min(1.0, self._config.max_tip_speed_mps / max(speed, 1e-12))
+        change = wanted - before
+        size = float(np.linalg.norm(change))
+        return before + change * min(1.0, self._config.max_tip_acceleration_mps2 * dt / max(size, 1e-12))
+
+    def _tip_in_world(self) -> Array:
+        return np.array(self._configuration.get_transform_frame_to_world(SHAFT_TIP).translation)

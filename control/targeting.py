@@ -1,0 +1,209 @@
+"""From a chosen pixel and depth frames to a point of the tissue, its normal and its motion."""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.control.axial_tracker import AxialTracker, AxialTrackerConfig
+from laploop.control.messages import ControlInput
+from laploop.control.surface_patch import SurfacePatch, fit_patch
+from laploop.control.tool_occlusion import ToolOutline, hidden_by_tool
+from laploop.errors import InvalidValueError
+from laploop.perception.geometry import Rig
+from laploop.perception.messages import DepthFrame
+
+Array = NDArray[np.float64]
+
+_HISTORY_TICKS = 128
+"""Remembered poses of the tool: one second at 125 Hz, more than the age of any frame worth using."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetingConfig:
+    """Sizes of the neighbourhoods that `Targeting` looks at."""
+
+    patch_radius_m: float = 0.0045
+    """Of the fit that gives the target point and its normal."""
+    min_patch_fraction: float = 0.4
+    """Share of the patch's pixels that must be valid and free of the tool for a frame to become the reference."""
+    track_radius_m: float = 0.012
+    """Of the neighbourhood whose median displacement stands for the target's."""
+    track_points: int = 240
+    """So many points of the neighbourhood are followed, at most."""
+    min_track_points: int = 24
+    """So many of them must be seen for a frame to count."""
+    iterations: int = 3
+    """Of the displacement, which decides which pixels show the points."""
+    outline: ToolOutline = field(default_factory=ToolOutline)
+    tracker: AxialTrackerConfig = field(default_factory=AxialTrackerConfig)
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If a field lies outside its range.
+        """
+        if not 0.0005 <= self.patch_radius_m <= self.track_radius_m <= 0.05:
+            raise InvalidValueError(
+                "patch_radius_m and track_radius_m",
+                (self.patch_radius_m, self.track_radius_m),
+                "0.0005 <= patch <= track <= 0.05 m",
+            )
+        if not 0.0 < self.min_patch_fraction <= 1.0:
+            raise InvalidValueError("min_patch_fraction", self.min_patch_fraction, "above 0 and at most 1")
+        if not 6 <= self.min_track_points <= self.track_points:
+            raise InvalidValueError(
+                "min_track_points and track_points", (self.min_track_points, self.track_points), "6 <= min <= points"
+            )
+        if self.iterations < 1:
+            raise InvalidValueError("iterations", self.iterations, "an integer from 1")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Target:
+    """What is known of the target, in the camera's frame."""
+
+    point: Array
+    """(3,), metres, where the target is now: its motion is extrapolated across the age of the depth."""
+    normal: Array
+    """(3,), unit, towards the camera."""
+    velocity: Array
+    """(3,), m/s."""
+    nearest_depth: float
+    """z-depth in metres of what tissue in view lies nearest to the camera, now."""
+    captured_ns: int
+    """When the newest frame that showed it was captured."""
+
+    def age_ns(self, now_ns: int) -> int:
+        """Time since the target was last seen."""
+        return now_ns - self.captured_ns
+
+
+class Targeting:
+    """Follow the piece of tissue that was chosen by a pixel.
+
+    The first frame that shows enough of it becomes the reference: a robust quadric under the pixel gives point and normal,
+    and the points around it are kept. Tissue is taken to move along the optical axis, as on a stage or under breathing seen
+    from straight above. In each later frame the reference points are moved by the displacement assumed so far, looked up
+    where they would then appear, and the median of what is missing corrects the displacement. Points that the tool covers,
+    or that it keeps from the projector's light, do not take part: their depth is not the tissue's.
+    """
+
+    def __init__(self, rig: Rig, config: TargetingConfig) -> None:
+        """Take the camera's geometry."""
+        self._rig = rig
+        self._config = config
+        self._eyes = np.array([[0.0, 0.0, 0.0], [rig.baseline_m, 0.0, 0.0]])
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the target."""
+        self._patch: SurfacePatch | None = None
+        self._points = np.zeros((0, 3))
+        self._nearest_depth = 0.0
+        self._tracker = AxialTracker(self._config.tracker, 0)
+        self._newest_ns = -1
+        self._poses: deque[tuple[int, Array]] = deque(maxlen=_HISTORY_TICKS)
+
+    def update(self, state: ControlInput) -> Target | None:
+        """Take in what is known at a control tick; return the target, or None as long as no frame has shown it."""
+        self._poses.append((state.now_ns, state.tip_in_camera))
+        frame = state.depth
+        if frame is not None and frame.captured_ns > self._newest_ns:
+            self._newest_ns = frame.captured_ns
+            if self._patch is None:
+                self._adopt(frame, state)
+            else:
+                self._follow(frame, state)
+        if self._patch is None:
+            return None
+        moved = self._tracker.displacement_at(state.now_ns)
+        return Target(
+            point=self._patch.point + np.array([0.0, 0.0, moved]),
+            normal=self._patch.normal,
+            velocity=np.array([0.0, 0.0, self._tracker.rate_at(state.now_ns)]),
+            nearest_depth=self._nearest_depth + moved,
+            captured_ns=self._tracker.measured_ns,
+        )
+
+    def _adopt(self, frame: DepthFrame, state: ControlInput) -> None:
+        camera = self._rig.camera
+        u, v = state.target_pixel
+        ray = np.array([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0])
+        depth_m = self._depth_around(frame, state.target_pixel, 4)[0]
+        if depth_m.size == 0:
+            return
+        distance = float(np.median(depth_m))
+        reach = int(np.ceil(camera.fx * self._config.track_radius_m / distance))
+        depth_m, rays = self._depth_around(frame, state.target_pixel, reach)
+        points = rays * depth_m[:, None]
+        points = points[~self._hidden(points, frame.captured_ns, state)]
+        lateral = np.hypot(points[:, 0] - ray[0] * distance, points[:, 1] - ray[1] * distance)
+        core = points[lateral < self._config.patch_radius_m]
+        full = np.pi * (camera.fx * self._config.patch_radius_m / distance) ** 2
+        around = points[lateral < self._config.track_radius_m]
+        if len(core) < max(6.0, self._config.min_patch_fraction * full) or len(around) < self._config.min_track_points:
+            return
+        self._patch = fit_patch(core, ray, radius_m=self._config.patch_radius_m)
+        stride = max(1, -(-len(around) // self._config.track_points))
+        self._points = around[::stride]
+        self._tracker = AxialTracker(self._config.tracker, frame.captured_ns)
+        self._nearest_depth = self._nearest(frame, state)
+
+    def _follow(self, frame: DepthFrame, state: ControlInput) -> None:
+        displacement = self._tracker.displacement_at(frame.captured_ns)
+        points = self._points + np.array([0.0, 0.0, displacement])
+        points = points[~self._hidden(points, frame.captured_ns, state)]
+        for _ in range(self._config.iterations):
+            measured, seen = self._sample(frame, points)
+            if np.count_nonzero(seen) < self._config.min_track_points:
+                return
+            correction = float(np.median(measured[seen] - points[seen, 2]))
+            points[:, 2] += correction
+            displacement += correction
+        self._tracker.update(displacement, frame.captured_ns)
+
+    def _nearest(self, frame: DepthFrame, state: ControlInput) -> float:
+        """Return the depth of the nearest tissue on a coarse grid of pixels; outliers do not count."""
+        coarse = (slice(2, None, 4), slice(2, None, 4))
+        depth_mm, valid = frame.estimate.depth_mm[coarse], frame.estimate.valid[coarse]
+        points = self._rig.camera.rays[coarse][valid] * (1e-3 * depth_mm[valid].astype(np.float64))[:, None]
+        points = points[~self._hidden(points, frame.captured_ns, state)]
+        return float(np.percentile(points[:, 2], 1.0))
+
+    def _hidden(self, points: Array, captured_ns: int, state: ControlInput) -> NDArray[np.bool_]:
+        tip = min(self._poses, key=lambda pose: abs(pose[0] - captured_ns))[1]
+        return hidden_by_tool(points, tip, state.trocar_in_camera, self._eyes, self._config.outline)
+
+    def _depth_around(self, frame: DepthFrame, pixel: Array, reach: int) -> tuple[Array, Array]:
+        """Return valid depths (n,) in metres and their rays (n, 3) within `reach` pixels of a pixel."""
+        camera = self._rig.camera
+        column, row = int(pixel[0]), int(pixel[1])
+        rows = slice(max(row - reach, 0), min(row + reach + 1, camera.height))
+        columns = slice(max(column - reach, 0), min(column + reach + 1, camera.width))
+        depth_mm = frame.estimate.depth_mm[rows, columns]
+        valid = frame.estimate.valid[rows, columns] & (depth_mm > 0.0)
+        return depth_mm[valid].astype(np.float64) * 1e-3, camera.rays[rows, columns][valid]
+
+    def _sample(self, frame: DepthFrame, points: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the depth in metres, (n,), that a frame shows where the points appear, and where that is known.
+
+        Values between pixel centres are bilinear; all four neighbours must be valid.
+        """
+        camera = self._rig.camera
+        pixels = camera.project(points) - 0.5
+        inside = np.all((pixels >= 0.0) & (pixels < [camera.width - 1, camera.height - 1]), axis=1)
+        pixels = np.where(inside[:, None], pixels, 0.0)
+        corner = pixels.astype(np.intp)
+        share = pixels - corner
+        column, row = corner[:, 0], corner[:, 1]
+        depth, valid = frame.estimate.depth_mm, frame.estimate.valid
+        total = np.zeros(len(points))
+        for down in (0, 1):
+            for right in (0, 1):
+                weight = (share[:, 0] if right else 1.0 - share[:, 0]) * (share[:, 1] if down else 1.0 - share[:, 1])
+                total += weight * depth[row + down, column + right]
+                inside &= valid[row + down, column + right]
+        return total * 1e-3, inside

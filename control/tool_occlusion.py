@@ -1,0 +1,80 @@
+"""Which points of the tissue the tool hides from the camera or keeps from the projector's light."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.assets.shafts import INSTRUMENT, Shaft
+from laploop.errors import InvalidValueError
+
+Array = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToolOutline:
+    """The instrument's silhouette as a capsule that tapers to its ball end."""
+
+    shaft: Shaft = INSTRUMENT
+    neck_m: float = 0.010
+    """From the ball's centre, the length that is as thin as the ball."""
+    taper_m: float = 0.014
+    """After the neck, the length over which the radius grows to the shaft's."""
+    margin_m: float = 0.0012
+    """Added to the radius: the width of an estimator's transition from tool to tissue, about three pixels at 85 mm."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If a length is negative, or the taper's not above 0.
+        """
+        for name in ("neck_m", "margin_m"):
+            if getattr(self, name) < 0.0:
+                raise InvalidValueError(name, getattr(self, name), "0 or more")
+        if not self.taper_m > 0.0:
+            raise InvalidValueError("taper_m", self.taper_m, "above 0")
+
+    def radius(self, distance_from_tip: Array) -> Array:
+        """Return the radius with its margin, (n,), at distances (n,) from the ball's centre along the shaft."""
+        wide, thin = 0.5 * self.shaft.diameter_m, self.shaft.tip_radius_m
+        share = np.clip((distance_from_tip - self.neck_m) / self.taper_m, 0.0, 1.0)
+        radius: Array = thin + (wide - thin) * share + self.margin_m
+        return radius
+
+
+def hidden_by_tool(points: Array, tip: Array, trocar: Array, eyes: Array, outline: ToolOutline) -> BoolArray:
+    """Say for which points the tool comes close to the line of sight from any of the eyes.
+
+    For each pair of a line of sight `e + s (p - e)` and the tool's axis `tip + t (trocar - tip)`, both with parameters from
+    0 to 1, the nearest pair of points is found in closed form; the sight is blocked where their distance is less than the
+    tool's radius there.
+
+    Args:
+        points: (n, 3), points of the surface.
+        tip: (3,), centre of the tool's ball end.
+        trocar: (3,), where the shaft comes from.
+        eyes: (k, 3), the camera's and the projector's centre, say.
+        outline: The tool's radius along its axis.
+
+    Returns:
+        (n,), True where at least one line of sight is blocked. All points are given in one frame.
+    """
+    axis = trocar - tip
+    length = float(np.linalg.norm(axis))
+    sight = points[None, :, :] - eyes[:, None, :]
+    start = eyes - tip
+    a = np.einsum("kni,kni->kn", sight, sight)
+    b = sight @ axis
+    c = np.einsum("kni,ki->kn", sight, start)
+    f = (start @ axis)[:, None]
+    e = length * length
+    # Ericson, Real-Time Collision Detection, 5.1.9: the unclamped optimum first, then each parameter given the other.
+    denominator = np.maximum(a * e - b * b, 1e-15 * a * e)
+    s = np.clip((b * f - c * e) / denominator, 0.0, 1.0)
+    t = np.clip((b * s + f) / e, 0.0, 1.0)
+    s = np.clip((b * t - c) / a, 0.0, 1.0)
+    apart = start[:, None, :] + s[..., None] * sight - t[..., None] * axis
+    near = np.einsum("kni,kni->kn", apart, apart) < outline.radius(length * t) ** 2
+    return np.asarray(near.any(axis=0))

@@ -1,0 +1,99 @@
+"""One arm of the theatre: where it stands, where its numbers lie, and what its servos are told."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.assets.shafts import Shaft
+from laploop.assets.ur5 import VELOCITY_GAIN_RATIO_S
+from laploop.assets.ur5_description import JOINT_NAMES
+from laploop.errors import InvalidValueError
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Arm:
+    """An arm and what it holds; its numbers lie in the model's arrays at the given indices, joints in URDF order."""
+
+    name: str
+    prefix: str
+    """Prefix of all its names in the model."""
+    shaft: Shaft
+    world_from_base: Array
+    """4x4, pose of the base link."""
+    trocar_in_world: Array
+    """(3,), where its shaft passes the wall."""
+    home_q: Array
+    """(6,), joint angles at the start of an episode."""
+    qpos_indices: Indices
+    dof_indices: Indices
+    actuator_indices: Indices
+    tip_site: int
+    """Site whose frame is the shaft's."""
+
+    @classmethod
+    def of_model(
+        cls, model: Any, *, name: str, tip_site: str, shaft: Shaft, world_from_base: Array, trocar_in_world: Array, home_q: Array
+    ) -> "Arm":
+        """Find the indices of the arm called `name` in a compiled model; `tip_site` is its site's name behind the prefix."""
+        prefix = f"{name}/"
+        joints = [model.joint(prefix + joint) for joint in JOINT_NAMES]
+        return cls(
+            name=name,
+            prefix=prefix,
+            shaft=shaft,
+            world_from_base=_frozen(world_from_base),
+            trocar_in_world=_frozen(trocar_in_world),
+            home_q=_frozen(home_q),
+            qpos_indices=np.array([joint.qposadr[0] for joint in joints], dtype=np.int32),
+            dof_indices=np.array([joint.dofadr[0] for joint in joints], dtype=np.int32),
+            actuator_indices=np.array([model.actuator(prefix + joint).id for joint in JOINT_NAMES], dtype=np.int32),
+            tip_site=int(model.site(prefix + tip_site).id),
+        )
+
+
+class JointReference:
+    """The servos' set point between two control ticks: the last target, carried on by its velocity for one period.
+
+    At `k` steps of length h after the target, the servos get `q + k h q' + (kd / kp) q'`: the last term is the velocity
+    feed-forward that makes a damped servo follow a ramp without lag. When no new target comes within the period, the joint
+    is told to stand where the extrapolation ended.
+    """
+
+    def __init__(self, *, q: Array, timestep_s: float, control_steps: int) -> None:
+        """Start at rest at q, (6,)."""
+        self._timestep_s = timestep_s
+        self._control_steps = control_steps
+        self._q = q.copy()
+        self._qdot = np.zeros_like(q)
+        self._age_steps = 0
+
+    def set_target(self, q: Array, qdot: Array | None) -> None:
+        """Take a new target, valid now; a missing velocity counts as zero.
+
+        Raises:
+            InvalidValueError: If q or qdot is not as many finite numbers as there are joints.
+        """
+        for name, values in (("q", q), ("qdot", qdot)):
+            if values is not None and (np.shape(values) != self._q.shape or not np.all(np.isfinite(values))):
+                raise InvalidValueError(name, values, f"{self._q.size} finite numbers")
+        self._q = np.array(q, dtype=np.float64)
+        self._qdot = np.zeros_like(self._q) if qdot is None else np.array(qdot, dtype=np.float64)
+        self._age_steps = 0
+
+    def advance(self) -> Array:
+        """Return the servos' inputs (6,) for the coming physics step, and count it."""
+        elapsed_s = min(self._age_steps, self._control_steps) * self._timestep_s
+        ahead_s = VELOCITY_GAIN_RATIO_S if self._age_steps < self._control_steps else 0.0
+        self._age_steps += 1
+        return np.asarray(self._q + (elapsed_s + ahead_s) * self._qdot)
+
+
+def _frozen(values: Array) -> Array:
+    copy = np.array(values, dtype=np.float64)
+    copy.flags.writeable = False
+    return copy

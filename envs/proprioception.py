@@ -1,0 +1,130 @@
+"""What the tool arm feels of itself: tip position, tip velocity and contact force, with their own delays and noise.
+
+The channels are observables of dm_control's composer, which schedules, delays and corrupts them in physics steps.
+"""
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.errors import InvalidValueError
+
+with warnings.catch_warnings():
+    # Without a display, the window library that dm_control loads and we never use complains.
+    warnings.simplefilter("ignore")
+    from dm_control.composer.observation import observable
+    from dm_control.composer.observation.updater import Updater
+
+Array = NDArray[np.float64]
+
+
+class ProprioceptiveBody(Protocol):
+    """What is needed of the simulated theatre."""
+
+    def tip_in_world(self) -> Array:
+        """Position of the tip (3,)."""
+        ...
+
+    def tip_velocity_in_world(self) -> Array:
+        """Velocity of the tip (3,)."""
+        ...
+
+    def contact_force_in_world(self) -> Array:
+        """Force on the tip (3,)."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProprioceptionConfig:
+    """Delays in physics steps and noise in SI units; all off by default."""
+
+    kinematics_delay_steps: int = 0
+    force_delay_steps: int = 0
+    force_noise_n: float = 0.0
+    """Standard deviation a component."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            InvalidValueError: If a delay or the noise is negative.
+        """
+        for name in ("kinematics_delay_steps", "force_delay_steps", "force_noise_n"):
+            if getattr(self, name) < 0:
+                raise InvalidValueError(name, getattr(self, name), "0 or more")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProprioceptiveReading:
+    """What the channels deliver at a control tick, in the world frame and SI units."""
+
+    tip_in_world: Array
+    tip_velocity_in_world: Array
+    contact_force_in_world: Array
+
+
+class _Physics:
+    """The little that an observable wants of a dm_control `Physics`."""
+
+    def __init__(self, body: ProprioceptiveBody) -> None:
+        self.body = body
+
+    @contextmanager
+    def suppress_physics_errors(self) -> Iterator[None]:
+        yield
+
+
+class Proprioception:
+    """Delayed and corrupted readings of the tool arm."""
+
+    def __init__(self, body: ProprioceptiveBody, config: ProprioceptionConfig, physics_steps_per_control: int) -> None:
+        """Set the channels up; `reset` fills them with the first reading."""
+        self._physics = _Physics(body)
+        noise = partial(_add_noise, config.force_noise_n) if config.force_noise_n else None
+        channels = {
+            "tip": observable.Generic(lambda physics: physics.body.tip_in_world(), delay=config.kinematics_delay_steps),
+            "tip_velocity": observable.Generic(
+                lambda physics: physics.body.tip_velocity_in_world(), delay=config.kinematics_delay_steps
+            ),
+            "force": observable.Generic(
+                lambda physics: physics.body.contact_force_in_world(), delay=config.force_delay_steps, corruptor=noise
+            ),
+        }
+        for channel in channels.values():
+            channel.enabled = True
+        self._updater = Updater(
+            channels,
+            physics_steps_per_control_step=physics_steps_per_control,
+            strip_singleton_buffer_dim=True,
+            # Otherwise the readings before the first delayed arrival would be zeros.
+            pad_with_initial_value=True,
+        )
+
+    def reset(self, random_state: np.random.RandomState) -> None:
+        """Forget the past and take the first reading."""
+        self._updater.reset(self._physics, random_state)
+
+    def before_control_period(self) -> None:
+        """Plan which of the coming physics steps need a reading."""
+        self._updater.prepare_for_next_control_step()
+
+    def after_physics_step(self) -> None:
+        """Take the readings that are due."""
+        self._updater.update()
+
+    def read(self) -> ProprioceptiveReading:
+        """Return what has arrived by now."""
+        values = self._updater.get_observation()
+        return ProprioceptiveReading(
+            tip_in_world=values["tip"], tip_velocity_in_world=values["tip_velocity"], contact_force_in_world=values["force"]
+        )
+
+
+def _add_noise(sigma_n: float, force: Array, random_state: np.random.RandomState) -> Any:
+    return force + random_state.normal(scale=sigma_n, size=force.shape)

@@ -1,0 +1,34 @@
+"""What the stripe camera returns."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExactView:
+    """What geometry alone says about each pixel's centre, (height, width, ...); NaN where nothing was hit."""
+
+    depth_mm: NDArray[np.float32]
+    """z-depth in the camera's frame."""
+    normals: NDArray[np.float32]
+    """(height, width, 3), unit surface normals in the camera's frame, towards the camera; smooth across triangles."""
+    projector_x: NDArray[np.float32]
+    """Tangent coordinate on the mask along x, in the projector's frame."""
+    projector_y: NDArray[np.float32]
+    """The same along y, along the stripes."""
+    lit: NDArray[np.bool_]
+    """True where the projector's centre sees the point and it lies inside the mask's field."""
+    object_id: NDArray[np.uint8]
+    """An `ObjectId`."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StripeCapture(ExactView):
+    """An image of the camera channel with the exact geometry behind it."""
+
+    image: NDArray[np.uint8]
+    """(height, width), grey values."""
+    electrons: NDArray[np.float32]
+    """(height, width), expected photo-electrons before noise, saturation and quantisation."""

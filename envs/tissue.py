@@ -1,0 +1,44 @@
+"""The phantom's surface as the simulator has it now."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.assets.tissue_shape import TissueMesh
+
+Array = NDArray[np.float64]
+
+
+class Tissue:
+    """Visible surface of the deforming phantom: its top and its sides."""
+
+    def __init__(self, model: Any, data: Any, *, flex_name: str, mesh: TissueMesh) -> None:
+        """Look at the flex of this name, which was made from `mesh`."""
+        self._data = data
+        flex = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_FLEX, flex_name)
+        self._rows = int(model.flex_vertadr[flex]) + mesh.surface_vertices.astype(np.intp)
+        self._triangles = mesh.triangles.copy()
+        self._triangles.flags.writeable = False
+        self._top_triangle_count = mesh.top_triangle_count
+        self._top_vertex_count = int(self._triangles[: mesh.top_triangle_count].max()) + 1
+
+    @property
+    def triangles(self) -> NDArray[np.int32]:
+        """(m, 3), indices into `surface_points`, anticlockwise from outside, those of the top first; read-only."""
+        return self._triangles
+
+    @property
+    def top_triangles(self) -> NDArray[np.int32]:
+        """(k, 3), the triangles of the top alone; read-only."""
+        return self._triangles[: self._top_triangle_count]
+
+    @property
+    def top_vertex_count(self) -> int:
+        """The first so many of `surface_points` make the top; the rest are the lower ends of the sides."""
+        return self._top_vertex_count
+
+    def surface_points(self) -> Array:
+        """Return the surface's vertices in the world, (n, 3), metres, as of the last refresh of the kinematics."""
+        return np.asarray(self._data.flexvert_xpos[self._rows])

@@ -1,0 +1,145 @@
+"""Single-frame phase demodulation and triangulation: the classical method."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.errors import InvalidValueError
+from laploop.perception.carrier import StripeCarrier, gaussian_matrix
+from laploop.perception.estimators.base import check_image
+from laploop.perception.geometry import Rig
+from laploop.perception.messages import DepthEstimate
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhaseConfig:
+    """How the phase is read and which of it is believed."""
+
+    nearest_mm: float = 60.0
+    """Near end of the turn of phase that is taken to be the right one; the far end follows from the rig (195 mm)."""
+    farthest_mm: float = 160.0
+    """Depths beyond are called invalid; a turn later the tool, close to the scope, would look as far away as this."""
+    window_periods: float = 0.45
+    """Standard deviation of the Gaussian window along the stripes' x, in periods: about one is a fair default, less keeps
+    slopes and edges sharp, more averages noise."""
+    support_px: float = 1.5
+    """Standard deviation of the averaging across rows."""
+    min_amplitude: float = 4.0
+    """Least amplitude of the stripes, in grey values, above the camera's noise."""
+    min_contrast: float = 0.12
+    """Least amplitude relative to the local mean."""
+    max_residual: float = 0.55
+    """Largest misfit of the fitted wave, root mean square relative to its amplitude."""
+    max_slope_turns: float = 0.02
+    """Largest step of phase between neighbouring pixels: 1.5 mm at 100 mm."""
+    saturated: int = 253
+    """Grey value from which a pixel counts as saturated."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If a field lies outside its range.
+        """
+        if not 0.0 < self.nearest_mm < self.farthest_mm:
+            raise InvalidValueError("nearest_mm and farthest_mm", (self.nearest_mm, self.farthest_mm), "0 < nearest < farthest")
+        for name in ("window_periods", "support_px", "max_residual", "max_slope_turns"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidValueError(name, getattr(self, name), "above 0")
+        if not 1 <= self.saturated <= 255:
+            raise InvalidValueError("saturated", self.saturated, "1 to 255")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Demodulation:
+    """What is left of an image after the carrier is taken out; every array is (height, width)."""
+
+    fraction: NDArray[np.float32]
+    """Turns of phase, less their unknown whole number, from 0 to 1."""
+    amplitude: NDArray[np.float32]
+    """Amplitude of the stripes in grey values."""
+    contrast: NDArray[np.float32]
+    """Amplitude relative to the local mean."""
+    residual: NDArray[np.float32]
+    """Misfit of the fitted wave relative to its amplitude, root mean square over the window."""
+
+
+@dataclass(kw_only=True)
+class PhaseEstimator:
+    """Demodulates each row with a Gaussian-windowed carrier (a Gabor filter) and triangulates.
+
+    The window is symmetric, so a phase that is linear within it, which a tilted plane gives nearly, is read without bias.
+    """
+
+    rig: Rig
+    config: PhaseConfig = field(default_factory=PhaseConfig)
+
+    def __post_init__(self) -> None:
+        """Prepare the filters."""
+        camera = self.rig.camera
+        self._carrier = StripeCarrier(rig=self.rig)
+        period = self._carrier.period_px
+        window = gaussian_matrix(camera.width, self.config.window_periods * period)
+        self._wave = np.exp(1j * self._carrier.angle).astype(np.complex64)
+        # Row vectors times these matrices: smoothing along x, and demodulation in one product.
+        self._window_x = np.ascontiguousarray(window.T, dtype=np.float32)
+        self._mean_x = np.ascontiguousarray(gaussian_matrix(camera.width, 0.8 * period).T, dtype=np.float32)
+        self._mean_y = gaussian_matrix(camera.height, 3.0).astype(np.float32)
+        self._support_y = gaussian_matrix(camera.height, self.config.support_px).astype(np.float32)
+
+    def demodulate(self, image: NDArray[np.uint8]) -> Demodulation:
+        """Take the carrier out of an image (height, width)."""
+        grey = image.astype(np.float32)
+        mean = self._mean_y @ grey @ self._mean_x + np.float32(1.0)
+        # Dividing by the local mean first keeps shading and albedo from bending the phase.
+        normal = grey / mean - np.float32(1.0)
+        base = normal * self._wave.conj()
+        wave = np.float32(2.0) * (self._support_y @ (base.real @ self._window_x + 1j * (base.imag @ self._window_x)))
+        contrast = np.abs(wave)
+        misfit = (normal - (wave * self._wave).real) ** 2
+        spread = np.sqrt(self._support_y @ misfit @ self._window_x)
+        fraction = np.mod(-np.angle(wave) / (2.0 * np.pi), 1.0)
+        return Demodulation(
+            fraction=fraction.astype(np.float32),
+            amplitude=(contrast * mean).astype(np.float32),
+            contrast=contrast.astype(np.float32),
+            residual=(spread / (contrast + np.float32(1e-6))).astype(np.float32),
+        )
+
+    def estimate(self, image: NDArray[np.uint8]) -> DepthEstimate:
+        """Estimate z-depth in millimetres and its validity from an image (height, width).
+
+        Raises:
+            InvalidValueError: If the image is not what the rig's camera delivers.
+        """
+        check_image(image, self.rig)
+        config = self.config
+        seen = self.demodulate(image)
+        farthest_turns = self._carrier.turns_metre / (1e-3 * config.nearest_mm) - 1.0
+        turns = farthest_turns + np.mod(seen.fraction - farthest_turns, 1.0)
+        depth_mm = np.float32(1e3) * self._carrier.turns_metre / np.maximum(turns, 1e-3)
+        valid = (
+            (seen.amplitude >= config.min_amplitude)
+            & (seen.contrast >= config.min_contrast)
+            & (seen.residual <= config.max_residual)
+            & (depth_mm <= config.farthest_mm)
+            & (image < config.saturated)
+            & (_steepest_step(turns) <= config.max_slope_turns)
+        )
+        return DepthEstimate(depth_mm=depth_mm.astype(np.float32), valid=valid)
+
+
+def _steepest_step(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the largest absolute difference to the four neighbours, same shape."""
+    steepest = np.zeros_like(values)
+    across = np.abs(np.diff(values, axis=1))
+    along = np.abs(np.diff(values, axis=0))
+    for part, step in (
+        (steepest[:, 1:], across),
+        (steepest[:, :-1], across),
+        (steepest[1:], along),
+        (steepest[:-1], along),
+    ):
+        np.maximum(part, step, out=part)
+    return steepest

@@ -1,0 +1,183 @@
+"""The compact network: a U-Net on a half-size latent, in front of it the physics of the stripes.
+
+A fixed front end, made from the rig, normalises the local contrast, multiplies by the carrier and low-passes, which gives
+the classical phase and its amplitude. A small U-Net on a latent of half the image's size corrects the phase where it is
+wrong (edges, shadows, the tool, saturation, the wrong turn) and says how far it may be off.
+
+The network works in turns of phase, `b / (tau Z)`; nothing in the learned part knows the baseline, the focal length or the
+position of the stripes.
+"""
+
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from laploop.errors import InvalidValueError
+from laploop.perception.carrier import StripeCarrier, gaussian_matrix
+from laploop.perception.geometry import Rig
+
+FORMAT = "laploop-compact-1"
+"""Changes whenever the same weights would mean something else."""
+
+_FARTHEST_TURNS = 0.52
+"""Start of the turn in which the classical phase is given to the network: 57 to 167 mm with the nominal rig."""
+
+_OUTPUTS = 4
+"""Maps at full size: correction, gate, free estimate, logarithm of the scale."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompactConfig:
+    """Sizes of the network."""
+
+    widths: tuple[int, ...] = (32, 48, 64, 96, 128)
+    """Channels of each level, from half the image's size down by powers of two."""
+    windows: tuple[tuple[float, float], ...] = ((0.35, 1.0), (0.6, 2.5))
+    """Demodulation windows: standard deviation along x in periods and along y in pixels. The first is the base."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If there are too few levels or windows.
+        """
+        if len(self.widths) < 2 or min(self.widths) < 4:
+            raise InvalidValueError("widths", self.widths, "two levels or more, each of at least 4 channels")
+        if not self.windows or min(min(window) for window in self.windows) <= 0.0:
+            raise InvalidValueError("windows", self.windows, "one or more pairs above 0")
+
+    @property
+    def architecture(self) -> dict[str, object]:
+        """What decides whether weights fit, as plain data."""
+        return {"format": FORMAT, **asdict(self)}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CompactOutput:
+    """What the network says about a batch, each (B, height, width)."""
+
+    turns: Tensor
+    """Turns of phase, b / (tau Z)."""
+    depth_mm: Tensor
+    log_scale: Tensor
+    """Natural logarithm of the scale in millimetres of a Laplace distribution around `depth_mm`."""
+
+
+class StripeFrontEnd(nn.Module):
+    """The fixed part: contrast normalisation and demodulation by matrix products."""
+
+    def __init__(self, rig: Rig, config: CompactConfig) -> None:
+        """Make the filters for a rig."""
+        super().__init__()
+        camera = rig.camera
+        if camera.width % (2 ** len(config.widths)) or camera.height % (2 ** len(config.widths)):
+            size = (camera.height, camera.width)
+            raise InvalidValueError("image (height, width)", size, f"multiples of {2 ** len(config.widths)}")
+        carrier = StripeCarrier(rig=rig)
+        angle = torch.from_numpy(carrier.angle)
+
+        def keep(name: str, value: Tensor) -> None:
+            self.register_buffer(name, value.to(torch.float32).contiguous(), persistent=False)
+
+        keep("wave", torch.stack([torch.cos(angle), -torch.sin(angle)])[:, None, :])
+        keep("mean_x", torch.from_numpy(gaussian_matrix(camera.width, 0.8 * carrier.period_px).T))
+        keep("mean_y", torch.from_numpy(gaussian_matrix(camera.height, 4.0)))
+        for index, (along, across) in enumerate(config.windows):
+            keep(f"window_x{index}", 2.0 * torch.from_numpy(gaussian_matrix(camera.width, along * carrier.period_px).T))
+            keep(f"window_y{index}", torch.from_numpy(gaussian_matrix(camera.height, across)))
+        rays = torch.from_numpy(camera.rays[..., :2].transpose(2, 0, 1).copy())
+        keep("rays", functional.avg_pool2d(rays[None], 2))
+        self._windows = len(config.windows)
+
+    @property
+    def channels(self) -> int:
+        """Feature channels at half size."""
+        return 4 * 4 + 3 * self._windows + 2 + 2
+
+    def forward(self, image: Tensor) -> tuple[Tensor, Tensor]:
+        """Turn images (B, height, width) in grey values into features at half size and the base in turns.
+
+        Returns:
+            Features (B, channels, height / 2, width / 2) and the classical phase (B, height, width) in turns.
+        """
+        mean = self.get_buffer("mean_y") @ image @ self.get_buffer("mean_x")
+        normal = (image - mean) / (mean + 4.0)
+        products = normal[:, None] * self.get_buffer("wave")
+        coarse: list[Tensor] = []
+        base = image
+        for index in range(self._windows):
+            wave = self.get_buffer(f"window_y{index}") @ products @ self.get_buffer(f"window_x{index}")
+            contrast = wave.square().sum(dim=1, keepdim=True).sqrt()
+            if index == 0:
+                turns = torch.atan2(-wave[:, 1], wave[:, 0]) / (2.0 * torch.pi)
+                base = _FARTHEST_TURNS + torch.remainder(turns - _FARTHEST_TURNS, 1.0)
+            coarse += [wave / (contrast + 0.02), contrast]
+        saturated = (image >= 253.0).to(image.dtype)
+        coarse += [torch.log(mean[:, None] + 4.0) - 4.0, saturated[:, None]]
+        fine = torch.cat([normal[:, None], products, base[:, None] - 1.0], dim=1)
+        features = [
+            functional.pixel_unshuffle(fine, 2),
+            functional.avg_pool2d(torch.cat(coarse, dim=1), 2),
+            self.get_buffer("rays").expand(len(image), -1, -1, -1),
+        ]
+        return torch.cat(features, dim=1), base
+
+
+def _block(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
+    return nn.Sequential(
+        nn.Conv2d(inputs, outputs, 3, stride=stride, padding=1, bias=False),
+        nn.BatchNorm2d(outputs),
+        nn.ReLU(inplace=True),
+    )
+
+
+class CompactUNet(nn.Module):
+    """The whole network: front end, U-Net, and the head that blends physics and a free estimate."""
+
+    def __init__(self, rig: Rig, config: CompactConfig) -> None:
+        """Make the network with random weights from torch's global generator."""
+        super().__init__()
+        self.config = config
+        self.turns_metre = StripeCarrier(rig=rig).turns_metre
+        self.front = StripeFrontEnd(rig, config)
+        widths = config.widths
+        self.stem = nn.Sequential(_block(self.front.channels, widths[0]), _block(widths[0], widths[0]))
+        self.down = nn.ModuleList(
+            nn.Sequential(_block(fine, coarse, stride=2), _block(coarse, coarse)) for fine, coarse in pairwise(widths)
+        )
+        self.lift = nn.ModuleList(nn.Conv2d(coarse, fine, 1) for fine, coarse in pairwise(widths))
+        self.up = nn.ModuleList(nn.Sequential(_block(fine, fine), _block(fine, fine)) for fine in widths[:-1])
+        self.head = nn.Conv2d(widths[0], 4 * _OUTPUTS, 3, padding=1)
+        bias = self.head.bias
+        assert bias is not None
+        with torch.no_grad():
+            # Starts as the classical phase: no correction, gate open at 0.88, scale 1 mm.
+            self.head.weight.mul_(0.1)
+            nn.init.zeros_(bias)
+            bias[4:8] = 2.0
+
+    def forward(self, image: Tensor) -> CompactOutput:
+        """Estimate from images (B, height, width), grey values 0-255 in float32."""
+        with torch.no_grad(), torch.autocast(device_type=image.device.type, enabled=False):
+            features, base = self.front(image)
+        level = self.stem(features.contiguous(memory_format=torch.channels_last))
+        skips = [level]
+        for down in self.down:
+            level = down(level)
+            skips.append(level)
+        for index in reversed(range(len(self.up))):
+            lifted = functional.interpolate(self.lift[index](level), scale_factor=2.0, mode="nearest")
+            level = self.up[index](skips[index] + lifted)
+        maps = functional.pixel_shuffle(self.head(level).float(), 2)
+        correction, gate, free, log_scale = maps.unbind(dim=1)
+        trust = torch.sigmoid(gate)
+        turns = trust * (base + correction) + (1.0 - trust) * (1.0 + free)
+        turns = turns.clamp(min=0.3, max=6.0)
+        return CompactOutput(
+            turns=turns,
+            depth_mm=1e3 * self.turns_metre / turns,
+            log_scale=log_scale.clamp(min=-4.0, max=4.0),
+        )

@@ -1,0 +1,84 @@
+"""Reading and writing tensors as safetensors: atomic, checked, and nothing is ever unpickled."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor
+
+from laploop.errors import MissingFileError, OutputError, WeightsError
+
+_PICKLE_STARTS = (b"\x80", b"PK\x03\x04")
+"""First bytes of a bare pickle, and of torch's archive of one."""
+
+
+def architecture_hash(architecture: Mapping[str, object], tensors: Mapping[str, Tensor]) -> str:
+    """Return a hash of the architecture's description and of every tensor's name, shape and type."""
+    layout = {name: [str(tensor.dtype), *tensor.shape] for name, tensor in sorted(tensors.items())}
+    text = json.dumps({"architecture": architecture, "layout": layout}, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def save_weights(
+    path: Path,
+    tensors: Mapping[str, Tensor],
+    architecture: Mapping[str, object],
+    notes: Mapping[str, str] | None = None,
+) -> None:
+    """Write tensors to `path` with their architecture's hash; the file appears whole or not at all.
+
+    Raises:
+        OutputError: If the file cannot be written.
+    """
+    metadata = {
+        **(notes or {}),
+        "architecture": json.dumps(architecture, sort_keys=True),
+        "architecture_hash": architecture_hash(architecture, tensors),
+    }
+    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        save_file({name: tensor.detach().contiguous() for name, tensor in tensors.items()}, partial, metadata=metadata)
+        partial.replace(path)
+    except (OSError, SafetensorError) as error:
+        partial.unlink(missing_ok=True)
+        raise OutputError(f"cannot write weights to {path}: {error}") from error
+
+
+def load_weights(
+    path: Path, architecture: Mapping[str, object], expected: Mapping[str, Tensor]
+) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Read tensors that fit `expected` (a state dict of the network that will take them), and their notes.
+
+    Raises:
+        MissingFileError: If there is no such file.
+        WeightsError: If it is a pickle, truncated or damaged, or holds another architecture.
+    """
+    if not path.is_file():
+        raise MissingFileError("weights", path, "give another path, or train them with `laploop train`")
+    with path.open("rb") as stream:
+        start = stream.read(4)
+    if start.startswith(_PICKLE_STARTS):
+        raise WeightsError(f"{path} is a pickle (or torch archive), which could run code; allowed: safetensors")
+    try:
+        with safe_open(path, framework="pt") as file:
+            metadata = dict(file.metadata() or {})
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
+    except (SafetensorError, OSError, ValueError) as error:
+        raise WeightsError(f"{path} is truncated or not safetensors ({error}); allowed: a whole safetensors file") from error
+    wanted = architecture_hash(architecture, expected)
+    found = metadata.get("architecture_hash", "none")
+    if found != wanted or architecture_hash(architecture, tensors) != wanted:
+        raise WeightsError(
+            f"{path} holds weights of architecture {found} ({metadata.get('architecture', 'not described')}); "
+            f"allowed: {wanted} ({json.dumps(architecture, sort_keys=True)})"
+        )
+    for name, tensor in tensors.items():
+        if tensor.is_floating_point() and not bool(torch.isfinite(tensor).all()):
+            raise WeightsError(f"{path} holds NaN or infinite values in {name!r}; allowed: finite values")
+    return tensors, metadata

@@ -1,0 +1,141 @@
+"""One episode on one page: what the scope saw, what was made of it, and how the tip got to its target."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import Colormap
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from numpy.typing import NDArray
+
+from laploop.envs.episode_log import EpisodeLog
+from laploop.envs.recorder import DepthRecord
+
+SUCCESS_RADIUS_MM = 1.5
+"""Drawn in the plot of the target error."""
+
+_ROWS = {1: ("only",), 2: ("start", "end"), 3: ("start", "middle", "end")}
+_COLUMNS = ("Stripes", "Depth (estimated)", "Depth (truth)", "Error (estimate - truth)")
+_STYLE = {"font.size": 9, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False}
+_BLUE, _ORANGE, _RED, _GREY = "#0072B2", "#E69F00", "#D55E00", "#666666"
+_NOTHING = "#d9d9d9"
+
+
+def draw_episode(log: EpisodeLog, summary: Mapping[str, Any], path: Path | str) -> None:
+    """Draw an episode as a PNG.
+
+    Rows show the start, the middle and the end (of what happened, if the episode ended early); depth and truth share one
+    scale; grey pixels have no value. Below are the target error, the contact force and the trocar errors over time.
+
+    Args:
+        log: What happened; an episode without any depth frame or tick leaves the places of these empty.
+        summary: `task`, `perception`, `motion`, `seed`, `terminated_by` and, where there is one, `target_error_mm`.
+        path: Where to write.
+    """
+    records = log.key_depths()
+    with mpl.rc_context(_STYLE):
+        figure = Figure(
+            figsize=(11.0, 2.55 * max(len(records), 1) + 4.2), dpi=130, layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.05)
+        )
+        FigureCanvasAgg(figure)
+        images, plots = figure.subfigures(2, 1, height_ratios=[2.5 * max(len(records), 1), 3.8])
+        figure.suptitle(_title(summary), fontsize=12, fontweight="bold")
+        if records:
+            _draw_images(images, records)
+        _draw_plots(plots, log)
+        figure.savefig(path, format="png")
+
+
+def _title(summary: Mapping[str, Any]) -> str:
+    ended = str(summary["terminated_by"])
+    outcome = {"success": "target reached", "time": "time ran out"}.get(ended, f"stopped: {ended}")
+    final = summary.get("target_error_mm", {}).get("final")
+    if final is not None:
+        outcome += f", final error {final:.2f} mm"
+    motion = {"still": "tissue still", "both": "tissue breathing and beating"}.get(
+        summary["motion"], f"tissue {summary['motion']}"
+    )
+    return f"{summary['task']}  |  {summary['perception']}  |  {motion}  |  seed {summary['seed']}  |  {outcome}"
+
+
+def _draw_images(figure: Any, records: Sequence[DepthRecord]) -> None:
+    axes = figure.subplots(len(records), 4, squeeze=False)
+    truths = np.concatenate([record.exact_depth_mm[record.tissue] for record in records])
+    truths = truths[np.isfinite(truths)]
+    near, far = np.percentile(truths, [0.5, 99.5]) if truths.size else (50.0, 150.0)
+    errors = [record.error_mm() for record in records]
+    known = np.concatenate([np.abs(error[np.isfinite(error)]) for error in errors])
+    # A few wild pixels must not wash the colours out; a perfect estimate must not be shown as noise.
+    limit = float(np.clip(np.percentile(known, 98.0), 0.2, 10.0)) if known.size else 1.0
+    depth_colors, error_colors = _colors("viridis"), _colors("RdBu")
+    for row, (record, error, when) in enumerate(zip(records, errors, _ROWS[len(records)], strict=True)):
+        estimate = np.where(record.depth.estimate.valid, record.depth.estimate.depth_mm, np.nan)
+        axes[row, 0].imshow(record.stripes, cmap="gray", vmin=0, vmax=255)
+        axes[row, 1].imshow(estimate, cmap=depth_colors, vmin=near, vmax=far)
+        depth = axes[row, 2].imshow(record.exact_depth_mm, cmap=depth_colors, vmin=near, vmax=far)
+        difference = axes[row, 3].imshow(error, cmap=error_colors, vmin=-limit, vmax=limit)
+        axes[row, 0].set_ylabel(f"{when}, captured at {record.depth.captured_ns * 1e-9:.2f} s")
+        seen = error[np.isfinite(error)]
+        mae = f"MAE {np.abs(seen).mean():.2f} mm" if seen.size else "nothing valid"
+        axes[row, 3].set_xlabel(mae)
+        axes[row, 1].set_xlabel(f"{100.0 * record.depth.estimate.valid.mean():.0f} % valid")
+        for axis in axes[row]:
+            axis.set_xticks([])
+            axis.set_yticks([])
+            for spine in axis.spines.values():
+                spine.set_visible(False)
+    for axis, title in zip(axes[0], _COLUMNS, strict=True):
+        axis.set_title(title)
+    figure.colorbar(depth, ax=axes[:, 2], label="z-depth [mm]", shrink=0.9, aspect=30)
+    figure.colorbar(difference, ax=axes[:, 3], label="error [mm]  (red: too near)", shrink=0.9, aspect=30, extend="both")
+
+
+def _colors(name: str) -> Colormap:
+    return mpl.colormaps[name].with_extremes(bad=_NOTHING)
+
+
+def _draw_plots(figure: Any, log: EpisodeLog) -> None:
+    target, force, rcm = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 1.4])
+    times = log.times_s()
+    error = log.series("target_error_mm")
+    target.axhline(SUCCESS_RADIUS_MM, color=_GREY, linewidth=0.8, linestyle="--")
+    target.annotate(
+        f"{SUCCESS_RADIUS_MM} mm",
+        (1.0, SUCCESS_RADIUS_MM),
+        xycoords=("axes fraction", "data"),
+        ha="right",
+        va="bottom",
+        color=_GREY,
+    )
+    target.plot(times, error, color=_BLUE, linewidth=1.6)
+    if np.nanmax(error, initial=0.0) > 0.0:
+        target.set_yscale("log")
+        target.yaxis.set_major_formatter(mpl.ticker.FormatStrFormatter("%g"))
+    target.set_ylabel("target error [mm]")
+    force.plot(times, log.series("contact_force_n"), color=_RED, linewidth=1.2)
+    force.set_ylabel("contact\nforce [N]")
+    force.set_ylim(0.0, _room(log.series("contact_force_n"), least=0.1))
+    for arm, color in (("camera", _ORANGE), ("tool", _BLUE)):
+        rcm.plot(times, log.series(f"rcm_error_mm/{arm}"), color=color, linewidth=0.9, label=f"{arm} arm")
+    rcm.set_ylabel("trocar\nerror [mm]")
+    both = np.concatenate([log.series("rcm_error_mm/camera"), log.series("rcm_error_mm/tool")])
+    rcm.set_ylim(0.0, _room(both, least=0.01))
+    rcm.legend(loc="lower right", bbox_to_anchor=(1.0, 0.95), frameon=False, ncols=2, borderaxespad=0.0)
+    rcm.set_xlabel("simulated time [s]")
+    for axis in (target, force, rcm):
+        _finish(axis)
+    figure.align_ylabels([target, force, rcm])
+
+
+def _room(values: NDArray[np.float64], least: float) -> float:
+    return max(1.15 * float(np.nanmax(values, initial=0.0)), least)
+
+
+def _finish(axis: Axes) -> None:
+    axis.grid(visible=True, color="#e6e6e6", linewidth=0.6)
+    axis.margins(x=0.01)

@@ -1,0 +1,45 @@
+"""What a measurement ran on, for results that are kept."""
+
+import os
+import platform
+from pathlib import Path
+from typing import Any
+
+
+def describe_machine() -> dict[str, Any]:
+    """Describe processor, memory, system and load; nothing that identifies the machine or its user.
+
+    Returns:
+        `cpu`, `logical_cores`, `usable_cores`, `memory_gib`, `system`, `python`, `gpu` (None without one), and
+        `load_1min`, the mean number of busy processes in the last minute: above 0.5 before a measurement, others were at work.
+    """
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "cpu": _cpu_model(),
+        "logical_cores": os.cpu_count(),
+        "usable_cores": usable,
+        "memory_gib": _memory_gib(),
+        "system": f"{platform.system()} {platform.release()} {platform.machine()}",
+        "python": platform.python_version(),
+        "gpu": _gpu(),
+        "load_1min": round(os.getloadavg()[0], 2),
+    }
+
+
+def _cpu_model() -> str:
+    info = Path("/proc/cpuinfo")
+    if info.is_file():
+        for line in info.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()
+
+
+def _memory_gib() -> float:
+    return round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1)
+
+
+def _gpu() -> str | None:
+    import torch  # slow to import
+
+    return str(torch.cuda.get_device_name(0)) if torch.cuda.is_available() else None

@@ -1,0 +1,98 @@
+"""One tissue on its stage and a free instrument: the part of the theatre that the endoscope can see, without arms."""
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.assets.instrument import build_instrument
+from laploop.assets.operating_table import build_stage
+from laploop.assets.phantom import TISSUE, TissueConfig, build_phantom
+from laploop.assets.shafts import INSTRUMENT
+from laploop.assets.tissue_shape import height_field, solid_mesh
+
+Array = NDArray[np.float64]
+
+_PLATE = "stage/plate"
+_HOLDER = "tool_holder"
+_TIMESTEP_S = 0.002
+_AWAY = np.array([2.0, 0.0, 1.0])
+
+
+class TrainingScene:
+    """Puts the instrument where it is told to be and lets the tissue give way.
+
+    World: z up, metres, origin in the middle of the stage's upper face, on which the phantom lies.
+    """
+
+    def __init__(self, config: TissueConfig, rng: np.random.Generator) -> None:
+        """Grow one tissue from `rng` and compile it with stage and instrument."""
+        height = height_field(config.shape, rng)
+        mesh = solid_mesh(config.shape, height)
+        self.mean_height_m = float(height.mean())
+        spec = build_stage()
+        spec.modelname = "training"
+        spec.option.timestep = _TIMESTEP_S
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+        spec.option.solver = mujoco.mjtSolver.mjSOL_CG
+        spec.option.tolerance = 1e-6
+        spec.memory = 400 * 2**20
+        for geom in spec.geoms:
+            # The camera tells objects apart by the prefixes that the theatre gives them.
+            geom.name = f"stage/{geom.name}"
+        plate = spec.body("plate")
+        plate.name = _PLATE
+        spec.attach(build_phantom(mesh, config), prefix="phantom/", frame=plate.add_frame())
+        holder = spec.worldbody.add_body(name=_HOLDER, mocap=True)
+        spec.attach(build_instrument(), prefix="tool_arm/instrument/", frame=holder.add_frame())
+        self.model: Any = spec.compile()
+        self.data: Any = mujoco.MjData(self.model)
+        self._holder = int(self.model.body(_HOLDER).mocapid[0])
+        flex = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_FLEX, f"phantom/{TISSUE}")
+        self._rows = int(self.model.flex_vertadr[flex]) + mesh.surface_vertices.astype(np.intp)
+        self._top = int(mesh.triangles[: mesh.top_triangle_count].max()) + 1
+        self.reset()
+
+    def reset(self) -> None:
+        """Put the tissue to rest and the instrument out of sight."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.mocap_pos[self._holder] = _AWAY
+        self._refresh()
+
+    def top_points(self) -> Array:
+        """Return the vertices of the tissue's top, (n, 3)."""
+        return np.asarray(self.data.flexvert_xpos[self._rows[: self._top]])
+
+    def place_tool(self, tip: Array, axis: Array) -> None:
+        """Put the centre of the instrument's ball end at `tip` (3,), its shaft along the unit vector `axis` to the tip."""
+        self._hold(tip, axis)
+        self._refresh()
+
+    def press_tool(self, tip: Array, axis: Array, *, travel_m: float, speed_m_s: float = 0.08) -> None:
+        """Move the instrument along its axis to `tip`, from `travel_m` before it, and let the tissue give way.
+
+        Moderately fast, as the tissue's look matters and not its history.
+        """
+        steps = max(1, round(travel_m / (speed_m_s * _TIMESTEP_S)))
+        for step in range(steps + 1):
+            self._hold(tip - axis * travel_m * (1.0 - step / steps), axis)
+            mujoco.mj_step(self.model, self.data)
+        self._refresh()
+
+    def _hold(self, tip: Array, axis: Array) -> None:
+        rotation = np.column_stack([*_perpendicular(axis), axis])
+        self.data.mocap_pos[self._holder] = tip - INSTRUMENT.length_m * axis
+        mujoco.mju_mat2Quat(self.data.mocap_quat[self._holder], rotation.ravel())
+
+    def _refresh(self) -> None:
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        mujoco.mj_flex(self.model, self.data)
+
+
+def _perpendicular(axis: Array) -> tuple[Array, Array]:
+    """Return x and y that make a right-handed frame with the unit vector `axis` as z."""
+    y = np.cross(axis, [0.0, 1.0, 0.0])
+    y /= np.linalg.norm(y)
+    return np.cross(y, axis), y

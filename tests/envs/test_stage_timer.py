@@ -1,0 +1,23 @@
+import pytest
+
+from laploop.envs.stage_timer import StageTimer
+
+
+def test_parts_of_a_stage_make_one_sample():
+    timer = StageTimer()
+    with timer.measure("control"):
+        pass
+    with timer.measure("control"):
+        pass
+    timer.complete("control")
+    timer.complete("control")
+    assert list(timer.median_ms()) == ["control"]
+    assert timer.median_ms() == timer.last_ms()
+
+
+def test_the_median_is_over_the_samples_in_milliseconds():
+    timer = StageTimer()
+    for seconds in (0.001, 0.002, 0.009):
+        timer.add("physics", seconds)
+    assert timer.median_ms()["physics"] == pytest.approx(2.0)
+    assert timer.last_ms()["physics"] == pytest.approx(9.0)
