@@ -1,4 +1,4 @@
-"""The blunt probe that the tool arm holds, with a force sensor behind its tip."""
+"""The blunt probe that the tool arm holds, with a tip that feels force."""
 
 import math
 from typing import Any
@@ -10,8 +10,8 @@ from laploop.assets.laparoscope import SHAFT_TIP
 from laploop.assets.shafts import INSTRUMENT, Shaft
 from laploop.assets.ur5 import ARM_COLLISION_BIT, ARM_GROUP
 
-TIP_FORCE = "tip_force"
-"""Name of the force sensor and of its site, whose frame is parallel to the shaft's."""
+TIP = "tip"
+"""Name of the body in front of the force sensor: ball end, neck and taper."""
 
 TISSUE_COLLISION_BIT = 1
 """Contact type of the tissue and of what can touch it."""
@@ -33,27 +33,21 @@ _DISTAL_LENGTH_M = 0.045
 _STEEL = 7850.0
 """kg/m^3."""
 
-_TISSUE_FRICTION = (0.05, 1e-4, 1e-5)
-"""Sliding friction at the upper end of 0.007-0.054, measured for small bowel against steel (Tribol Lett, 2013)."""
-
 
 def build_instrument(*, shaft: Shaft = INSTRUMENT) -> Any:
     """Build the instrument as a `mujoco.MjSpec` whose world frame is the flange, z along the shaft.
 
     From the tip: a ball end of radius `tip_radius_m` on a neck of the same radius, a taper, and the shaft. Neck and taper are
-    a body of their own, so that the force sensor between it and the shaft reads what touches the tip, and little weight.
+    a body of their own, as in front of a force sensor. MuJoCo's own force sensor does not feel contacts with a flex; the
+    theatre reads the contacts of this body instead.
     """
     spec = mujoco.MjSpec()
     spec.modelname = "instrument"
     radius = 0.5 * shaft.diameter_m
     body = spec.worldbody.add_body(name="instrument", gravcomp=1.0)
     arm_contact = {"contype": ARM_COLLISION_BIT, "conaffinity": ARM_COLLISION_BIT, "density": _STEEL}
-    tissue_contact = {
-        "contype": TISSUE_COLLISION_BIT,
-        "conaffinity": TISSUE_COLLISION_BIT,
-        "condim": 1,
-        "friction": _TISSUE_FRICTION,
-    }
+    # How a contact behaves is the tissue's to say: its flex has the higher priority.
+    tissue_contact = {"contype": TISSUE_COLLISION_BIT, "conaffinity": TISSUE_COLLISION_BIT}
     steel = [0.75, 0.76, 0.78, 1.0]
     body.add_geom(
         name="holder",
@@ -83,7 +77,7 @@ def build_instrument(*, shaft: Shaft = INSTRUMENT) -> Any:
         mass=0.0,
         **tissue_contact,
     )
-    tip = body.add_body(name="tip", pos=[0.0, 0.0, shaft.length_m], gravcomp=1.0)
+    tip = body.add_body(name=TIP, pos=[0.0, 0.0, shaft.length_m], gravcomp=1.0)
     tip.add_geom(
         name="tip",
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
@@ -96,13 +90,6 @@ def build_instrument(*, shaft: Shaft = INSTRUMENT) -> Any:
     )
     _add_taper(spec, tip, top_radius=radius, end_radius=shaft.tip_radius_m, rgba=steel)
     tip.add_site(name=SHAFT_TIP, size=[0.0005, 0.0005, 0.0005], group=4)
-    tip.add_site(name=TIP_FORCE, pos=[0.0, 0.0, -NECK_LENGTH_M - TAPER_LENGTH_M], size=[0.0005, 0.0005, 0.0005], group=4)
-    spec.add_sensor(
-        name=TIP_FORCE,
-        type=mujoco.mjtSensor.mjSENS_FORCE,
-        objtype=mujoco.mjtObj.mjOBJ_SITE,
-        objname=TIP_FORCE,
-    )
     return spec
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -19,7 +20,9 @@ _RING_SEGMENTS = 16
 _SKIN = [0.87, 0.72, 0.62, 0.35]
 
 
-def build_operating_table(*, wall_height_m: float, trocars: Mapping[str, NDArray[np.float64]], trocar_diameter_m: float = 0.013) -> Any:
+def build_operating_table(
+    *, wall_height_m: float, trocars: Mapping[str, NDArray[np.float64]], trocar_diameter_m: float = 0.013
+) -> Any:
     """Build the table and the abdominal wall as a `mujoco.MjSpec`, table top at z = 0.
 
     The wall is a flat sheet for orientation only: it does not collide, the controllers keep the shafts in the trocars. Each
@@ -90,7 +93,7 @@ def _add_trocar(world: Any, name: str, position: NDArray[np.float64], radius: fl
     world.add_site(name=name, pos=position, size=[0.002, 0.002, 0.002], group=4)
     angles = np.arange(_RING_SEGMENTS + 1) * (2.0 * math.pi / _RING_SEGMENTS)
     ring = position + (radius + 0.002) * np.column_stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)])
-    for index, (start, end) in enumerate(zip(ring[:-1], ring[1:], strict=True)):
+    for index, (start, end) in enumerate(pairwise(ring)):
         world.add_geom(
             name=f"{name}_ring_{index}",
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,

@@ -117,7 +117,9 @@ def solid_mesh(shape: TissueShape, height: Array) -> TissueMesh:
         raise InvalidValueError("height field", height.shape, f"({n}, {n}) of finite positive heights")
     line = np.linspace(-0.5 * shape.side_m, 0.5 * shape.side_m, n)
     x, y = np.meshgrid(line, line, indexing="ij")
-    points = np.stack([np.stack([x, y, height * (k / layers)], axis=-1).reshape(-1, 3) for k in range(layers + 1)]).reshape(-1, 3)
+    points = np.stack([np.stack([x, y, height * (k / layers)], axis=-1).reshape(-1, 3) for k in range(layers + 1)]).reshape(
+        -1, 3
+    )
     index = np.arange(points.shape[0], dtype=np.int32).reshape(layers + 1, n, n)
     sides = _side_quads(index)
     top = _split_quads(index[-1, :-1, :-1], index[-1, 1:, :-1], index[-1, 1:, 1:], index[-1, :-1, 1:])

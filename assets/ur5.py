@@ -15,7 +15,7 @@ ARM_COLLISION_BIT = 2
 """Contact type of the arms and shafts; the tissue has bit 1, so that arms meet arms and only the tool's tip meets tissue."""
 
 ARMATURE = 0.1
-"""Inertia in kg m^2 that rotors and gears add to each joint; MuJoCo Menagerie's value for the UR5e, of the same gear ratio 101."""
+"""Inertia in kg m^2 that rotors and gears add to each joint: the value of MuJoCo Menagerie's UR5e."""
 
 POSITION_GAINS = (8.0e4, 8.0e4, 4.0e4, 1.2e4, 1.2e4, 1.0e4)
 """Stiffness of each joint's servo in N m/rad, about proportional to the inertia that the joint moves, so that all joints

@@ -24,7 +24,9 @@ def description_dir() -> Path:
     Raises:
         MissingFileError: If the package lacks it.
     """
-    root = Path(str(distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots/ur_description")))
+    root = Path(
+        str(distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots/ur_description"))
+    )
     if not root.is_dir():
         raise MissingFileError("UR5 description", root, "reinstall example-robot-data")
     return root

@@ -103,14 +103,14 @@ class RcmController:
     solution the arm brakes and holds.
     """
 
-    def __init__(self, arm: ArmModel, trocar_in_world: ArrayLike, config: RcmControllerConfig) -> None:
+    def __init__(self, arm: ArmModel, trocar_in_world: ArrayLike, config: RcmControllerConfig | None = None) -> None:
         """Set up the problem for an arm and its trocar, (3,), in the world's frame.
 
         Raises:
             InvalidValueError: If the trocar is not three finite numbers or the insertion limits contradict the shaft.
         """
         self._arm = arm
-        self._config = config
+        self._config = config = config or RcmControllerConfig()
         self._trocar_in_world = read_only(checked_vector("trocar_in_world", trocar_in_world, 3))
         max_insertion = config.max_insertion_m if config.max_insertion_m is not None else arm.shaft.length_m - 0.05
         # Pink hangs attributes on the model that it is given, so it gets one of its own.
@@ -138,7 +138,7 @@ class RcmController:
 
     @property
     def q(self) -> Array:
-        """Reference joint angles, (6,), read-only."""
+        """Reference joint angles at the end of the last step, (6,), read-only."""
         return np.asarray(self._configuration.q)
 
     @property
@@ -184,7 +184,8 @@ class RcmController:
             dt: Control period in seconds.
 
         Returns:
-            Joint angles at the end of the period and the joint velocities that lead there, both (6,).
+            The reference joint angles now, at the start of the period, and the joint velocities to follow throughout it, both
+            (6,). Where they lead is `q` from then on, and the next step starts there.
 
         Raises:
             InvalidValueError: If the velocity is not finite or the period not positive.
@@ -195,14 +196,14 @@ class RcmController:
             raise InvalidValueError("dt", dt, "finite and above 0")
         if not self._started:
             raise InfeasibleError("the controller has no posture to start from; call reset(q) first")
-        before = self._tip_velocity
+        start, before = self.q.copy(), self._tip_velocity
         if not self._move(self._limited(wanted, before, dt), dt, self._limits):
             # Joint accelerations that contradict the trocar give way to it while the tip brakes.
             rest = [limit for limit in self._limits if limit is not self._acceleration_limit]
             if not self._move(self._limited(np.zeros(3), before, dt), dt, rest):
                 self._stand_still()
             self._status = RcmStatus.HELD
-        return self.q.copy(), self._qdot.copy()
+        return start, self._qdot.copy()
 
     def hold(self, dt: float) -> tuple[Array, Array]:
         """Brake, and once at rest stand still without solving anything."""

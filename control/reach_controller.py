@@ -55,11 +55,13 @@ class ReachControllerConfig:
     """A touch farther than this before the estimated surface is an obstacle, not the target."""
     search_m: float = 0.003
     """How far beyond the estimated surface contact is looked for."""
-    contact_force_n: float = 0.08
+    contact_force_n: float = 0.03
     """What counts as a touch."""
-    hold_force_n: float = 0.12
+    hold_force_n: float = 0.04
     """Kept up while touching."""
-    admittance_mps_per_n: float = 0.05
+    contact_slack_m: float = 0.00025
+    """How far soft tissue gives under a light touch; a felt surface that differs less from the seen one corrects nothing."""
+    admittance_mps_per_n: float = 0.08
     """Speed along the normal per newton of too much or too little force."""
     max_press_speed_mps: float = 0.006
     max_yield_speed_mps: float = 0.030
@@ -95,9 +97,9 @@ class ReachController:
     millimetres are felt: a touch fixes the shift along the ray that puts the seen surface where the felt one is.
     """
 
-    def __init__(self, rig: Rig, config: ReachControllerConfig) -> None:
+    def __init__(self, rig: Rig, config: ReachControllerConfig | None = None) -> None:
         """Take the camera's geometry."""
-        self._config = config
+        self._config = config = config or ReachControllerConfig()
         self._targeting = Targeting(rig, config.targeting)
         self.reset()
 
@@ -258,6 +260,7 @@ class _Geometry:
         self.above = self.standoff + climb * self.shaft
         # The seen surface moves against the normal when it moves along the ray.
         gap = float((state.tip_in_camera - self.goal) @ target.normal)
+        gap -= min(max(gap, -config.contact_slack_m), config.contact_slack_m)
         self.felt_shift = gap / min(float(self.ray @ target.normal), -0.3)
 
 

@@ -91,10 +91,10 @@ class Targeting:
     or that it keeps from the projector's light, do not take part: their depth is not the tissue's.
     """
 
-    def __init__(self, rig: Rig, config: TargetingConfig) -> None:
+    def __init__(self, rig: Rig, config: TargetingConfig | None = None) -> None:
         """Take the camera's geometry."""
         self._rig = rig
-        self._config = config
+        self._config = config = config or TargetingConfig()
         self._eyes = np.array([[0.0, 0.0, 0.0], [rig.baseline_m, 0.0, 0.0]])
         self.reset()
 

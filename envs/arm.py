@@ -37,7 +37,15 @@ class Arm:
 
     @classmethod
     def of_model(
-        cls, model: Any, *, name: str, tip_site: str, shaft: Shaft, world_from_base: Array, trocar_in_world: Array, home_q: Array
+        cls,
+        model: Any,
+        *,
+        name: str,
+        tip_site: str,
+        shaft: Shaft,
+        world_from_base: Array,
+        trocar_in_world: Array,
+        home_q: Array,
     ) -> "Arm":
         """Find the indices of the arm called `name` in a compiled model; `tip_site` is its site's name behind the prefix."""
         prefix = f"{name}/"
@@ -59,9 +67,9 @@ class Arm:
 class JointReference:
     """The servos' set point between two control ticks: the last target, carried on by its velocity for one period.
 
-    At `k` steps of length h after the target, the servos get `q + k h q' + (kd / kp) q'`: the last term is the velocity
-    feed-forward that makes a damped servo follow a ramp without lag. When no new target comes within the period, the joint
-    is told to stand where the extrapolation ended.
+    In the k-th step of length h after the target, the servos get `q + k h q' + (kd / kp) q'`, the place to be at the end of
+    that step plus the velocity feed-forward that lets a damped servo follow a ramp without lag. When no new target comes
+    within the period, the joint is told to stand where the extrapolation ended.
     """
 
     def __init__(self, *, q: Array, timestep_s: float, control_steps: int) -> None:
@@ -87,9 +95,9 @@ class JointReference:
 
     def advance(self) -> Array:
         """Return the servos' inputs (6,) for the coming physics step, and count it."""
-        elapsed_s = min(self._age_steps, self._control_steps) * self._timestep_s
-        ahead_s = VELOCITY_GAIN_RATIO_S if self._age_steps < self._control_steps else 0.0
         self._age_steps += 1
+        elapsed_s = min(self._age_steps, self._control_steps) * self._timestep_s
+        ahead_s = VELOCITY_GAIN_RATIO_S if self._age_steps <= self._control_steps else 0.0
         return np.asarray(self._q + (elapsed_s + ahead_s) * self._qdot)
 
 

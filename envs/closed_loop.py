@@ -4,9 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
-from laploop.envs.sensors.stripe_camera import StripeCamera
-from laploop.envs.theatre import Theatre
-from laploop.envs.theatre_config import TheatreConfig
 from numpy.typing import NDArray
 
 from laploop.assets.scope_optics import ScopeOptics
@@ -20,8 +17,11 @@ from laploop.envs.perception_server import CapturedFrame, PerceptionServer, Serv
 from laploop.envs.proprioception import Proprioception, ProprioceptionConfig, ProprioceptiveReading
 from laploop.envs.recorder import DepthRecord, FrameRecord, NullRecorder, Recorder
 from laploop.envs.sensors.object_id import ObjectId
+from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.sensors.stripe_optics import StripeOptics
 from laploop.envs.stage_timer import StageTimer
+from laploop.envs.theatre import Theatre
+from laploop.envs.theatre_config import TheatreConfig
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points

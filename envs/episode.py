@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 import numpy as np
-from laploop.control.reach_controller import ReachController
-from laploop.envs.base_motion import BaseMotion, MotionName
 
 from laploop.control.messages import TipController
+from laploop.control.reach_controller import ReachController
+from laploop.envs.base_motion import BaseMotion, MotionName
 from laploop.envs.closed_loop import LoopConfig
 from laploop.envs.latency import ConstantLatency
 from laploop.envs.reach_env import ReachConfig, ReachEnv

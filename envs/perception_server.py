@@ -5,9 +5,9 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from laploop.envs.sensors.stripe_capture import StripeCapture
 
 from laploop.envs.latency import LatencyModel
+from laploop.envs.sensors.stripe_capture import StripeCapture
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.messages import DepthEstimate, DepthFrame, StripeFrame

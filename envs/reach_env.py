@@ -7,12 +7,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from laploop.envs.base_motion import BaseMotion
-from laploop.envs.theatre_config import TheatreConfig
 from numpy.typing import NDArray
 
 from laploop.assets.shafts import INSTRUMENT
 from laploop.control.messages import ControlInput
+from laploop.envs.base_motion import BaseMotion
 from laploop.envs.closed_loop import ClosedLoop, LoopConfig
 from laploop.envs.perception_server import ServedFrame
 from laploop.envs.reach_rewards import ReachRewardWeights, reach_reward_terms, weighted
@@ -20,6 +19,7 @@ from laploop.envs.recorder import Recorder, TickRecord
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.surface_point import SurfacePoint
 from laploop.envs.target_choice import TargetChoiceConfig, choose_target_pixel
+from laploop.envs.theatre_config import TheatreConfig
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.registry import make_estimator

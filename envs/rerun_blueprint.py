@@ -76,7 +76,7 @@ def episode_blueprint(look_at: NDArray[np.float64]) -> rrb.Blueprint:
         origin="world",
         contents=["+ /world/**", "- /world/surface/**"],
         eye_controls=rrb.EyeControls3D(
-            position=np.add(look_at, (0.25, -1.15, 0.65)), look_target=np.add(look_at, (0.0, 0.0, 0.22))
+            position=np.add(look_at, (0.22, -1.05, 0.58)), look_target=np.add(look_at, (0.02, 0.0, 0.2))
         ),
         line_grid=False,
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from laploop.envs.recorder import STAGES, DepthRecord, FrameRecord, TickRecord
 from laploop.envs.rerun_blueprint import ERROR_RANGE_MM, PLOTS, episode_blueprint, legend
-from laploop.envs.rerun_scene import DrawnBody, body_quaternions, drawn_bodies, log_shapes, vertex_normals
+from laploop.envs.rerun_scene import DrawnBody, VertexNormals, body_quaternions, drawn_bodies, log_shapes
 from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.geometry import Rig, transform_points
 
@@ -27,10 +27,14 @@ _FLUSH_TICKS = 125
 """Ticks and poses are sent in batches of about a second: a call to Rerun costs far more than a number."""
 
 _POINT_STRIDE = 4
+_NO_ERROR = 256
+"""Index of black behind the colours of errors."""
+
 _TISSUE_COLOR = (222, 146, 132)
 _TARGET_COLOR = (60, 220, 90)
 _TROCAR_COLOR = (245, 215, 66)
-_TROCAR_RADIUS_M = 0.008
+_TROCAR_RADIUS_M = 0.011
+"""A little more than that of the modelled rings."""
 
 
 class RerunRecorder:
@@ -70,6 +74,7 @@ class RerunRecorder:
         self._stream.set_log_tick_enabled(False)
         self._stream.set_log_time_enabled(False)
         self._theatre: Theatre | None = None
+        self._normals_of: VertexNormals | None = None
         self._bodies: tuple[DrawnBody, ...] = ()
         self._body_ids = np.empty(0, dtype=np.intp)
         self._ticks: list[TickRecord] = []
@@ -97,7 +102,8 @@ class RerunRecorder:
 
         stream, model = self._stream, theatre.model
         self._theatre = theatre
-        self._error_colors = (colormaps["Spectral"](np.linspace(0.0, 1.0, 256))[:, :3] * 255).astype(np.uint8)
+        colors = colormaps["Spectral"](np.linspace(0.0, 1.0, _NO_ERROR))[:, :3]
+        self._error_colors = (np.vstack([colors, np.zeros(3)]) * 255).astype(np.uint8)
         self._rays_in_camera = rig.camera.rays[::_POINT_STRIDE, ::_POINT_STRIDE].copy()
         look_at = theatre.tissue.surface_points().mean(axis=0)
         stream.save(self._partial, default_blueprint=episode_blueprint(look_at))
@@ -123,6 +129,7 @@ class RerunRecorder:
         for arm in (theatre.camera_arm, theatre.tool_arm):
             self._log_trocar(arm)
         triangles = theatre.tissue.triangles
+        self._normals_of = VertexNormals(triangles, len(theatre.tissue.surface_points()))
         tissue = rr.Mesh3D.from_fields(triangle_indices=triangles.astype(np.uint32), albedo_factor=_TISSUE_COLOR)
         stream.log("world/tissue", tissue, static=True)
         camera = rr.Pinhole(
@@ -142,7 +149,7 @@ class RerunRecorder:
 
     def frame(self, record: FrameRecord) -> None:
         """Log the image and the state of the world at its capture."""
-        theatre = self._begun()
+        theatre, normals_of = self._begun()
         self._at(record.now_ns, record.frame.index)
         stream = self._stream
         stream.log("scope/image/stripes", rr.Image(record.frame.image))
@@ -150,8 +157,7 @@ class RerunRecorder:
         stream.log("world/camera", rr.Transform3D(translation=world_from_camera[:3, 3], mat3x3=world_from_camera[:3, :3]))
         # `astype` copies, and it must: Rerun keeps a reference to float32 arrays.
         points = theatre.tissue.surface_points().astype(np.float32)
-        normals = vertex_normals(points, theatre.tissue.triangles)
-        stream.log("world/tissue", rr.Mesh3D.from_fields(vertex_positions=points, vertex_normals=normals))
+        stream.log("world/tissue", rr.Mesh3D.from_fields(vertex_positions=points, vertex_normals=normals_of(points)))
         self._pose_times.append(record.now_ns)
         self._poses.append((theatre.data.xpos[self._body_ids].copy(), body_quaternions(theatre.data, self._body_ids)))
         if self._depth_range is None:
@@ -169,7 +175,7 @@ class RerunRecorder:
         self._log_depth("scope/image/depth", np.where(valid, estimate.depth_mm[stored], np.nan))
         self._log_depth("scope/image/truth", record.exact_depth_mm[stored])
         error = record.error_mm()
-        self._stream.log("scope/image/error", rr.Image(self._error_image(error[stored])))
+        self._stream.log("scope/image/error", rr.Image(self._colors_of(error[stored])))
         self._log_surface(record, error)
 
     def close(self) -> None:
@@ -187,10 +193,10 @@ class RerunRecorder:
         self._stream.disconnect()
         self._partial.unlink(missing_ok=True)
 
-    def _begun(self) -> "Theatre":
-        if self._theatre is None:
+    def _begun(self) -> "tuple[Theatre, VertexNormals]":
+        if self._theatre is None or self._normals_of is None:
             raise RuntimeError("begin() comes before any record")
-        return self._theatre
+        return self._theatre, self._normals_of
 
     def _at(self, now_ns: int, frame: int | None = None) -> None:
         self._stream.set_time(TIMELINE, duration=np.timedelta64(now_ns, "ns"))
@@ -216,16 +222,11 @@ class RerunRecorder:
             ),
         )
 
-    def _error_image(self, error_mm: NDArray[np.float32]) -> NDArray[np.uint8]:
-        """Colour errors, (h, w), as RGB, (h, w, 3); black where there is none."""
-        known = np.isfinite(error_mm)
-        image = np.zeros((*error_mm.shape, 3), dtype=np.uint8)
-        image[known] = self._color_of(error_mm[known])
-        return image
-
-    def _color_of(self, error_mm: NDArray[np.float32]) -> NDArray[np.uint8]:
-        shade = np.clip((error_mm / ERROR_RANGE_MM * 0.5 + 0.5) * 255.0, 0.0, 255.0).astype(np.uint8)
-        return self._error_colors[shade]
+    def _colors_of(self, error_mm: NDArray[np.float32]) -> NDArray[np.uint8]:
+        """Colour errors, (...), as RGB, (..., 3); black where there is none."""
+        shade = np.clip((error_mm / np.float32(ERROR_RANGE_MM) + 1.0) * 127.5, 0.0, 255.0)
+        index = np.where(np.isfinite(shade), shade, _NO_ERROR).astype(np.uint16)
+        return np.take(self._error_colors, index, axis=0)
 
     def _log_surface(self, record: DepthRecord, error_mm: NDArray[np.float32]) -> None:
         """Log the reconstructed points where their error is known; points off the tissue would hide the instrument."""
@@ -234,7 +235,7 @@ class RerunRecorder:
         known = np.isfinite(error)
         depth_m = record.depth.estimate.depth_mm[every][known].astype(np.float64) * 1e-3
         points = transform_points(record.depth.world_from_camera, self._rays_in_camera[known] * depth_m[:, None])
-        cloud = rr.Points3D(points.astype(np.float32), colors=self._color_of(error[known]), radii=[0.0007])
+        cloud = rr.Points3D(points.astype(np.float32), colors=self._colors_of(error[known]), radii=[0.0007])
         self._stream.log("world/surface", cloud)
 
     def _send_batch(self) -> None:

@@ -7,9 +7,12 @@ import mujoco
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
 VISIBLE_GROUPS = (1, 2)
 """Geom groups that are drawn: what the endoscope sees, and the arms with the wall; the rest only collides."""
+
+_NET_LINES = 17
 
 _QUATERNION_ORDER = [1, 2, 3, 0]
 """MuJoCo's (w, x, y, z) as Rerun's (x, y, z, w)."""
@@ -74,21 +77,37 @@ def _shape(model: mujoco.MjModel, geom_id: int) -> rr.AsComponents | None:
     material = int(model.geom_matid[geom_id])
     rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom_id]
     color = np.round(np.asarray(rgba) * 255).astype(np.uint8)
-    radius, half = float(model.geom_size[geom_id, 0]), float(model.geom_size[geom_id, 1])
-    solid = rr.components.FillMode.Solid
+    size, solid = model.geom_size[geom_id].copy(), rr.components.FillMode.Solid
+    length, radius = 2.0 * float(size[1]), float(size[0])
     kind = mujoco.mjtGeom(int(model.geom_type[geom_id]))
+    shape: rr.AsComponents | None = None
     if kind == mujoco.mjtGeom.mjGEOM_MESH:
-        return _mesh(model, int(model.geom_dataid[geom_id]), color)
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        return rr.Boxes3D(half_sizes=[model.geom_size[geom_id].copy()], colors=[color], fill_mode=solid)
-    if kind == mujoco.mjtGeom.mjGEOM_SPHERE:
-        return rr.Ellipsoids3D(radii=[radius], colors=[color], fill_mode=solid)
-    if kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-        return rr.Cylinders3D(lengths=[2 * half], radii=[radius], colors=[color], fill_mode=solid)
-    if kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+        shape = _mesh(model, int(model.geom_dataid[geom_id]), color)
+    elif kind == mujoco.mjtGeom.mjGEOM_BOX:
+        shape = _net(size, color) if color[3] < 255 else rr.Boxes3D(half_sizes=[size], colors=[color], fill_mode=solid)
+    elif kind == mujoco.mjtGeom.mjGEOM_SPHERE:
+        shape = rr.Ellipsoids3D(radii=[radius], colors=[color], fill_mode=solid)
+    elif kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
+        shape = rr.Cylinders3D(lengths=[length], radii=[radius], colors=[color], fill_mode=solid)
+    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
         # Rerun's capsule starts at its frame's origin, MuJoCo's is centred on it.
-        return rr.Capsules3D(lengths=[2 * half], radii=[radius], translations=[[0, 0, -half]], colors=[color], fill_mode=solid)
-    return None
+        start = [[0.0, 0.0, -0.5 * length]]
+        shape = rr.Capsules3D(lengths=[length], radii=[radius], translations=start, colors=[color], fill_mode=solid)
+    return shape
+
+
+def _net(half_sizes: NDArray[np.float64], color: NDArray[np.uint8]) -> rr.LineStrips3D:
+    """Make a net in the middle of a thin box, which everything behind stays visible through from every side."""
+    thin = int(np.argmin(half_sizes))
+    first, second = (axis for axis in range(3) if axis != thin)
+    strips = []
+    for across, along in ((first, second), (second, first)):
+        for place in np.linspace(-1.0, 1.0, _NET_LINES):
+            ends = np.zeros((2, 3))
+            ends[:, across] = place * half_sizes[across]
+            ends[:, along] = [-half_sizes[along], half_sizes[along]]
+            strips.append(ends)
+    return rr.LineStrips3D(strips, colors=[[*color[:3], 255]], radii=[0.0005])
 
 
 def _mesh(model: mujoco.MjModel, mesh_id: int, color: NDArray[np.uint8]) -> rr.Mesh3D:
@@ -106,13 +125,23 @@ def _mesh(model: mujoco.MjModel, mesh_id: int, color: NDArray[np.uint8]) -> rr.M
     )
 
 
-def vertex_normals(points: NDArray[np.float32], triangles: NDArray[np.integer]) -> NDArray[np.float32]:
-    """Area-weighted unit normals, (n, 3), of a mesh with points (n, 3) and triangles (m, 3)."""
-    a, b, c = points[triangles[:, 0]], points[triangles[:, 1]], points[triangles[:, 2]]
-    face_normals = np.cross(b - a, c - a)
-    corners = triangles.ravel()
-    normals = np.stack(
-        [np.bincount(corners, np.repeat(face_normals[:, axis], 3), minlength=len(points)) for axis in range(3)], axis=1
-    )
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    return normals.astype(np.float32)
+class VertexNormals:
+    """Area-weighted unit normals of a mesh whose points move; made once for its triangles, 0.3 ms for 8000 of them."""
+
+    def __init__(self, triangles: NDArray[np.integer], point_count: int) -> None:
+        """Prepare for triangles (m, 3), indices below `point_count`."""
+        self._corners = [np.ascontiguousarray(corner) for corner in triangles.T]
+        rows, columns = triangles.ravel(), np.repeat(np.arange(len(triangles)), 3)
+        self._sum_over_faces = csr_matrix(
+            (np.ones(len(rows), np.float32), (rows, columns)), shape=(point_count, len(triangles))
+        )
+
+    def __call__(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the normals, (n, 3), at points (n, 3)."""
+        a, b, c = self._corners
+        axes = [np.ascontiguousarray(axis) for axis in points.T]
+        (ux, uy, uz), (vx, vy, vz) = ([axis[end] - axis[a] for axis in axes] for end in (b, c))
+        face_normals = np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx], axis=1)
+        sums = self._sum_over_faces @ face_normals
+        lengths = np.sqrt(np.einsum("ij,ij->i", sums, sums))[:, None]
+        return np.asarray(sums / np.maximum(lengths, np.float32(1e-12)), dtype=np.float32)

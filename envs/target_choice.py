@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from laploop.envs.sensors.stripe_capture import StripeCapture
 from numpy.typing import NDArray
 
 from laploop.envs.sensors.object_id import ObjectId
+from laploop.envs.sensors.stripe_capture import StripeCapture
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.geometry import Intrinsics
 

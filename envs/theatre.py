@@ -1,12 +1,10 @@
 """The operating theatre: the simulated world that sensors look at and controllers act on."""
 
-from typing import Any
-
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.assets.instrument import TIP_FORCE
+from laploop.assets.instrument import TIP
 from laploop.assets.laparoscope import CAMERA, PROJECTOR
 from laploop.envs.arm import Arm, JointReference
 from laploop.envs.theatre_config import TheatreConfig
@@ -21,6 +19,8 @@ from laploop.envs.theatre_scene import (
 )
 from laploop.envs.tissue import Tissue
 from laploop.errors import InvalidValueError, SimulationError
+
+__all__ = ["Arm", "Theatre", "TheatreConfig"]
 
 Array = NDArray[np.float64]
 
@@ -50,10 +50,7 @@ class Theatre:
         self._stage_mocap = int(self.model.body(STAGE_PLATE).mocapid[0])
         self._camera_site = self.model.site(f"{CAMERA_ARM}/{SCOPE_PREFIX}{CAMERA}").id
         self._projector_site = self.model.site(f"{CAMERA_ARM}/{SCOPE_PREFIX}{PROJECTOR}").id
-        sensor = self.model.sensor(f"{TOOL_ARM}/{INSTRUMENT_PREFIX}{TIP_FORCE}")
-        self._force_slice = slice(int(sensor.adr[0]), int(sensor.adr[0]) + 3)
-        self._force_site = self.model.site(f"{TOOL_ARM}/{INSTRUMENT_PREFIX}{TIP_FORCE}").id
-        self._tip_weight = self.model.body(f"{TOOL_ARM}/{INSTRUMENT_PREFIX}tip").subtreemass[0] * self.model.opt.gravity
+        self._tip_geoms = np.flatnonzero(self.model.geom_bodyid == self.model.body(f"{TOOL_ARM}/{INSTRUMENT_PREFIX}{TIP}").id)
         self._steps = 0
         self._references: dict[str, JointReference] = {}
         self._settled_qpos = self._settle()
@@ -146,12 +143,19 @@ class Theatre:
         return np.asarray(jacobian[:, columns] @ self.data.qvel[columns])
 
     def contact_force_in_world(self) -> Array:
-        """Return the force in newtons, (3,), of the tissue on the tool's tip, as the tip's sensor felt it in the last step.
+        """Return the force in newtons, (3,), of whatever touches the tool's tip, on the tip, in the last step.
 
-        The sensor is tared: the tip's own weight is taken out.
+        It is what an ideal sensor behind the tip reads, tared for the weight of the tip: the sum over its contacts.
         """
-        rotation = self.data.site_xmat[self._force_site].reshape(3, 3)
-        return np.asarray(-(rotation @ self.data.sensordata[self._force_slice]) - self._tip_weight)
+        force = np.zeros(3)
+        wrench = np.zeros(6)
+        geoms = self.data.contact.geom
+        for index in np.flatnonzero(np.isin(geoms, self._tip_geoms).any(axis=1)):
+            mujoco.mj_contactForce(self.model, self.data, index, wrench)
+            # The normal points from the first to the second of the pair, and the force acts on the second.
+            sign = 1.0 if geoms[index, 1] in self._tip_geoms else -1.0
+            force += sign * (wrench[:3] @ self.data.contact.frame[index].reshape(3, 3))
+        return force
 
     def rcm_error_m(self, arm: Arm) -> float:
         """Return the distance between an arm's trocar point and the axis of its shaft."""

@@ -37,7 +37,7 @@ class StripeCarrier:
     def angle(self) -> Array:
         """Phase in radians at each column's centre, (width,)."""
         camera, mask = self.rig.camera, self.rig.mask
-        x = (np.arange(camera.width) + 0.5 - camera.cx) / camera.fx
+        x = (np.arange(camera.width, dtype=np.float64) + 0.5 - camera.cx) / camera.fx
         periods = (x + mask.half_width_tan) / mask.period_tan - mask.phase - 0.5 * mask.duty
         return 2.0 * np.pi * periods
 
@@ -57,6 +57,7 @@ def gaussian_matrix(size: int, sigma: float) -> Array:
     axes; at image sizes this costs less than a convolution and has no borders to treat.
     """
     index = np.arange(size, dtype=np.float64)
-    kernel = np.exp(-0.5 * ((index[:, None] - index[None, :]) / sigma) ** 2)
+    kernel: Array = np.exp(-0.5 * ((index[:, None] - index[None, :]) / sigma) ** 2)
     kernel[kernel < 1e-5] = 0.0
-    return np.asarray(kernel / kernel.sum(axis=1, keepdims=True))
+    kernel /= kernel.sum(axis=1, keepdims=True)
+    return kernel

@@ -68,7 +68,7 @@ class FrameStore:
         frames, size = len(split), (optics.height, optics.width)
         try:
             path.mkdir(parents=True)
-            group = zarr.open_group(store=path, mode="w")
+            group: Any = zarr.open_group(store=path, mode="w")
         except OSError as error:
             raise OutputError(f"cannot write a data set to {path}: {error}") from error
         for name, (dtype, fill) in _PIXEL_ARRAYS.items():

@@ -158,7 +158,8 @@ class CompactTrainer:
         self.epoch = 0
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(settings.seed)
-            self.network = CompactUNet(rig, network).to(memory_format=torch.channels_last)
+            self.network = CompactUNet(rig, network)
+        self.network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.optimizer = torch.optim.AdamW(
             self.network.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
         )
@@ -280,7 +281,5 @@ def _read_log(path: Path) -> list[EpochRecord]:
     if not path.is_file():
         return []
     with path.open(newline="") as stream:
-        return [
-            EpochRecord(**{name: int(value) if name == "epoch" else float(value) for name, value in row.items()})
-            for row in csv.DictReader(stream)
-        ]
+        rows = list(csv.DictReader(stream))
+    return [EpochRecord(epoch=int(row.pop("epoch")), **{name: float(value) for name, value in row.items()}) for row in rows]

@@ -4,7 +4,13 @@ All of them are told where to begin (`first`), so that several threads can share
 computer-vision camera, p the projector.
 """
 
+# mypy: ignore-errors
+# ruff: noqa: ANN201, ANN202, RUF046, UP018
+# Kernels are written in Warp's language, whose types and casts are not Python's.
+
 import warp as wp
+
+from laploop.envs.sensors.zbuffer_kernels import View
 
 wp.set_module_options({"enable_backward": False})
 
@@ -14,6 +20,10 @@ INSIDE_FIELD = 2
 _LINE_OF_SIGHT = wp.constant(wp.uint8(LINE_OF_SIGHT))
 _INSIDE = wp.constant(wp.uint8(INSIDE_FIELD))
 _SHADOW_RAY_END = wp.constant(0.9998)
+_SAME_SURFACE_M = wp.constant(3.0e-4)
+_OTHER_SURFACE_M = wp.constant(2.0e-3)
+_NOTHING = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
+_LOWER_HALF = wp.constant(wp.uint64(0xFFFFFFFF))
 _INVERSE_PI = wp.constant(0.31830988618)
 _PI = wp.constant(3.14159265359)
 
@@ -25,8 +35,8 @@ class Projection:
     rotation: wp.mat33
     """p from c."""
     offset: wp.vec3
-    half_field: wp.vec2
-    """Half the lit field along x and y, tangent units."""
+    half_height: float
+    """Half the lit field along y, tangent units."""
     intensity_w_sr: float
     led_exponent: float
     stray_fraction: float
@@ -68,17 +78,65 @@ def vertex_normals(
     normals[vertex] = wp.normalize(total)
 
 
+@wp.func
+def _in_shadow(
+    mesh: wp.uint64,
+    from_world: wp.vec3,
+    direction_world: wp.vec3,
+    point: wp.vec3,
+    facet: wp.vec3,
+    view: View,
+    keys: wp.array(dtype=wp.uint64),
+):
+    """Tell whether something stands between the projector's centre and a point; point and facet's normal in its frame.
+
+    The projector's depth map answers where its four pixels around the point agree, against the plane of the facet; near the
+    edges of shadows, and where the map is too coarse, a ray decides.
+    """
+    x = view.focal[0] * point[0] / point[2] + view.centre[0] - 0.5
+    y = view.focal[1] * point[1] / point[2] + view.centre[1] - 0.5
+    if x >= 0.0 and y >= 0.0 and x < float(view.width - 1) and y < float(view.height - 1):
+        height = wp.dot(facet, point)
+        nearer = int(0)
+        far_nearer = int(0)
+        for k in range(4):
+            i = int(x) + (k & 1)
+            j = int(y) + (k >> 1)
+            ray = wp.vec3(
+                (float(i) + 0.5 - view.centre[0]) / view.focal[0], (float(j) + 0.5 - view.centre[1]) / view.focal[1], 1.0
+            )
+            seen = wp.cast(wp.uint32(keys[j * view.width + i] >> wp.uint64(32)), wp.float32)
+            slope = wp.dot(facet, ray)
+            # Both are negative: the facet looks at the projector. Where the ray misses the plane, a ray must decide.
+            expected = wp.where(slope < 0.0, height / slope, 1.0e6)
+            if seen < expected - _SAME_SURFACE_M:
+                nearer += 1
+            if seen < point[2] - _OTHER_SURFACE_M:
+                far_nearer += 1
+        if nearer == 0:
+            return False
+        if far_nearer == 4:
+            return True
+    return wp.mesh_query_ray_anyhit(mesh, from_world, direction_world, _SHADOW_RAY_END)
+
+
 @wp.kernel
 def trace(
     first: int,
     mesh: wp.uint64,
     pose: wp.array(dtype=wp.vec3),
     rays: wp.array(dtype=wp.vec2),
+    camera_keys: wp.array(dtype=wp.uint64),
+    projector_keys: wp.array(dtype=wp.uint64),
+    projector_view: View,
+    vertices: wp.array(dtype=wp.vec3),
     corners: wp.array(dtype=wp.int32),
     object_ids: wp.array(dtype=wp.uint8),
     normals: wp.array(dtype=wp.vec3),
     albedo_factor: wp.array(dtype=wp.float32),
-    projection: Projection,
+    projector_from_camera: wp.mat33,
+    offset: wp.vec3,
+    half_field: wp.vec2,
     depth: wp.array(dtype=wp.float32),
     normal_in_camera: wp.array(dtype=wp.vec3),
     projector: wp.array(dtype=wp.vec2),
@@ -86,41 +144,51 @@ def trace(
     object_id: wp.array(dtype=wp.uint8),
     factor: wp.array(dtype=wp.float32),
 ):
-    """Cast one ray through each pixel's centre and one from the projector's centre to what it hits.
+    """Say all about the point that the ray through each pixel's centre hits.
 
-    `pose` holds the camera's centre, its three axes and the projector's centre, in the world.
+    `pose` holds the camera's centre, its three axes and the projector's centre, in the world; `vertices` are in the camera's
+    frame, `normals` in the world.
     """
     i = first + wp.tid()
-    ray = rays[i]
-    direction = ray[0] * pose[1] + ray[1] * pose[2] + pose[3]
-    hit = wp.mesh_query_ray(mesh, pose[0], direction, 1.0e3)
-    if hit.result:
-        # The ray's z component in the camera is 1, so the ray parameter is the depth.
-        depth[i] = hit.t
-        k = 3 * hit.face
-        a = corners[k]
-        b = corners[k + 1]
-        c = corners[k + 2]
-        w = 1.0 - hit.u - hit.v
-        n = wp.normalize(hit.u * normals[a] + hit.v * normals[b] + w * normals[c])
-        facet = hit.normal
-        if wp.dot(facet, direction) > 0.0:
+    key = camera_keys[i]
+    if key != _NOTHING:
+        face = int(wp.uint32(key & _LOWER_HALF))
+        z = wp.cast(wp.uint32(key >> wp.uint64(32)), wp.float32)
+        depth[i] = z
+        object_id[i] = object_ids[face]
+        ray = wp.vec3(rays[i][0], rays[i][1], 1.0)
+        point = z * ray
+        a = corners[3 * face]
+        b = corners[3 * face + 1]
+        c = corners[3 * face + 2]
+        ab = vertices[b] - vertices[a]
+        ac = vertices[c] - vertices[a]
+        facet = wp.cross(ab, ac)
+        from_a = point - vertices[a]
+        area2 = wp.dot(facet, facet)
+        v = wp.clamp(wp.dot(wp.cross(from_a, ac), facet) / area2, 0.0, 1.0)
+        w = wp.clamp(wp.dot(wp.cross(ab, from_a), facet) / area2, 0.0, 1.0)
+        u = 1.0 - v - w
+        facet = wp.normalize(facet)
+        n = wp.normalize(u * normals[a] + v * normals[b] + w * normals[c])
+        n = wp.vec3(wp.dot(n, pose[1]), wp.dot(n, pose[2]), wp.dot(n, pose[3]))
+        if wp.dot(facet, ray) > 0.0:
             facet = -facet
             n = -n
-        normal_in_camera[i] = wp.vec3(wp.dot(n, pose[1]), wp.dot(n, pose[2]), wp.dot(n, pose[3]))
-        factor[i] = hit.u * albedo_factor[a] + hit.v * albedo_factor[b] + w * albedo_factor[c]
-        object_id[i] = object_ids[hit.face]
+        normal_in_camera[i] = n
+        factor[i] = u * albedo_factor[a] + v * albedo_factor[b] + w * albedo_factor[c]
 
-        from_projector = hit.t * direction + (pose[0] - pose[4])
-        in_projector = projection.rotation * (hit.t * wp.vec3(ray[0], ray[1], 1.0)) + projection.offset
+        in_projector = projector_from_camera * point + offset
         tangent = wp.vec2(in_projector[0] / in_projector[2], in_projector[1] / in_projector[2])
         projector[i] = tangent
         flag = wp.uint8(0)
         if in_projector[2] > 0.0:
-            if wp.abs(tangent[0]) <= projection.half_field[0] and wp.abs(tangent[1]) <= projection.half_field[1]:
+            if wp.abs(tangent[0]) <= half_field[0] and wp.abs(tangent[1]) <= half_field[1]:
                 flag = _INSIDE
-            if wp.dot(facet, from_projector) < 0.0:
-                if not wp.mesh_query_ray_anyhit(mesh, pose[4], from_projector, _SHADOW_RAY_END):
+            facet_p = projector_from_camera * facet
+            if wp.dot(facet_p, in_projector) < 0.0:
+                from_projector = point[0] * pose[1] + point[1] * pose[2] + point[2] * pose[3] + (pose[0] - pose[4])
+                if not _in_shadow(mesh, pose[4], from_projector, in_projector, facet_p, projector_view, projector_keys):
                     flag = flag | _LINE_OF_SIGHT
         flags[i] = flag
     else:
@@ -223,7 +291,7 @@ def shade(
                 tangent = projector[i]
                 column = (tangent[0] - projection.table_x_min) / projection.table_x_step
                 light = _look_up(table, column, sigma / projection.table_sigma_step)
-                light *= _field_edge(tangent[1], projection.half_field[1], sigma)
+                light *= _field_edge(tangent[1], projection.half_height, sigma)
                 scattered = albedo * _INVERSE_PI * n_l + _ggx(n, to_light, view, material[1], material[2])
                 radiance += irradiance * (1.0 - projection.stray_fraction) * light * scattered
             vignetting = 1.0 / ray_length

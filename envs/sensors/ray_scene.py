@@ -2,10 +2,11 @@
 
 import contextlib
 from collections.abc import Iterator
+from typing import Any
 
 import warp as wp
 
-from laploop.envs.sensors import kernels
+from laploop.envs.sensors import kernels, zbuffer_kernels
 from laploop.envs.sensors.scene_geometry import SceneGeometry
 from laploop.errors import InvalidValueError
 
@@ -14,7 +15,8 @@ from laploop.errors import InvalidValueError
 def quiet_warp() -> Iterator[None]:
     """Keep Warp's greeting and its notes about compiling to itself inside the block."""
     before = wp.config.log_level
-    wp.config.log_level = max(before, wp.LOG_WARNING)
+    # Even the warning level would remark that there is no CUDA driver, which is as it should be on a machine without GPU.
+    wp.config.log_level = max(before, wp.LOG_ERROR)
     try:
         yield
     finally:
@@ -28,12 +30,14 @@ def open_device(name: str) -> wp.Device:
         InvalidValueError: If there is no such device.
     """
     with quiet_warp():
-        wp.init()
         available = [device.alias for device in wp.get_devices()]
-        if name != "cuda" and name not in available or name == "cuda" and not wp.is_cuda_available():
+        if wp.is_cuda_available():
+            available.append("cuda")
+        if name not in available:
             raise InvalidValueError("device", name, f"one of {available}")
         device = wp.get_device(name)
         wp.load_module(kernels, device=device)
+        wp.load_module(zbuffer_kernels, device=device)
     return device
 
 
@@ -44,17 +48,17 @@ class RayScene:
         """Upload the scene and build its tree; `update` before tracing if the points have moved since."""
         self.geometry = geometry
         self.device = device
-        self.points = wp.array(geometry.points, dtype=wp.vec3, device=device, copy=True)
-        self.corners = wp.array(geometry.triangles.ravel(), dtype=wp.int32, device=device)
+        self.points: Any = wp.array(geometry.points, dtype=wp.vec3, device=device, copy=True)
+        self.corners: Any = wp.array(geometry.triangles.ravel(), dtype=wp.int32, device=device)
         # Triangles of one part stay together in the tree, so that it fits as well after the parts have moved.
-        parts = wp.array(geometry.parts, dtype=wp.int32, device=device)
-        self.mesh = wp.Mesh(points=self.points, indices=self.corners, groups=parts)
-        self.object_ids = wp.array(geometry.object_ids, dtype=wp.uint8, device=device)
-        self.albedo_factor = wp.array(geometry.albedo_factor, dtype=wp.float32, device=device)
+        parts: Any = wp.array(geometry.parts, dtype=wp.int32, device=device)
+        self.mesh: Any = wp.Mesh(points=self.points, indices=self.corners, groups=parts)
+        self.object_ids: Any = wp.array(geometry.object_ids, dtype=wp.uint8, device=device)
+        self.albedo_factor: Any = wp.array(geometry.albedo_factor, dtype=wp.float32, device=device)
         offsets, order = geometry.triangles_around_vertices()
-        self._offsets = wp.array(offsets, dtype=wp.int32, device=device)
-        self._order = wp.array(order, dtype=wp.int32, device=device)
-        self.normals = wp.zeros(len(geometry.points), dtype=wp.vec3, device=device)
+        self._offsets: Any = wp.array(offsets, dtype=wp.int32, device=device)
+        self._order: Any = wp.array(order, dtype=wp.int32, device=device)
+        self.normals: Any = wp.zeros(len(geometry.points), dtype=wp.vec3, device=device)
         self._normals_launch = wp.launch(
             kernels.vertex_normals,
             dim=len(geometry.points),

@@ -1,11 +1,12 @@
 """What a ray can hit: the visible surfaces of a MuJoCo model, or plain triangles."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from laploop.envs.sensors import primitives
 from laploop.envs.sensors.object_id import ObjectId, object_id_of_geom
@@ -26,8 +27,19 @@ class _RigidPart:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _FlexPart:
-    vertices: NDArray[np.int64]
+    vertices: NDArray[np.intp]
     rows: slice
+
+
+_PRIMITIVES: dict[mujoco.mjtGeom, tuple[Callable[..., primitives.Surface], int]] = {
+    mujoco.mjtGeom.mjGEOM_SPHERE: (primitives.sphere, 1),
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: (primitives.ellipsoid, 3),
+    mujoco.mjtGeom.mjGEOM_CAPSULE: (primitives.capsule, 2),
+    mujoco.mjtGeom.mjGEOM_CYLINDER: (primitives.cylinder, 2),
+    mujoco.mjtGeom.mjGEOM_BOX: (primitives.box, 3),
+    mujoco.mjtGeom.mjGEOM_PLANE: (primitives.plane, 2),
+}
+"""What makes a geom's triangles, and how many of its sizes that takes."""
 
 
 class SceneGeometry:
@@ -62,26 +74,30 @@ class SceneGeometry:
         if self.triangles.ndim != 2 or self.triangles.shape[1] != 3 or len(self.triangles) == 0:
             raise InvalidValueError("shape of triangles", self.triangles.shape, "(m, 3) with m at least 1")
         if self.triangles.min() < 0 or self.triangles.max() >= len(self.points):
-            raise InvalidValueError("triangles", (int(self.triangles.min()), int(self.triangles.max())), f"0 to {len(self.points) - 1}")
+            raise InvalidValueError(
+                "triangles", (int(self.triangles.min()), int(self.triangles.max())), f"0 to {len(self.points) - 1}"
+            )
         if not np.isfinite(self.points).all():
             raise InvalidValueError("points", "an array with NaN or infinity", "finite metres")
         count = len(self.triangles)
-        self.object_ids = _spread("object_ids", object_ids, count, np.uint8)
+        self.object_ids: NDArray[np.uint8] = _spread("object_ids", object_ids, count).astype(np.uint8)
         allowed = [int(i) for i in ObjectId if i is not ObjectId.BACKGROUND]
         if not np.isin(self.object_ids, allowed).all():
             raise InvalidValueError("object_ids", sorted({int(i) for i in self.object_ids}), f"from {allowed}")
-        self.albedo_factor = _spread("albedo_factor", albedo_factor, len(self.points), np.float32)
+        self.albedo_factor: NDArray[np.float32] = _spread("albedo_factor", albedo_factor, len(self.points)).astype(np.float32)
         if not ((self.albedo_factor >= 0.0) & np.isfinite(self.albedo_factor)).all():
             raise InvalidValueError("albedo_factor", "an array with negative or non-finite numbers", "numbers from 0 on")
-        self.parts = _spread("parts", parts, count, np.int32)
+        self.parts: NDArray[np.int32] = _spread("parts", parts, count).astype(np.int32)
         self._rigid: list[_RigidPart] = []
         self._flex: list[_FlexPart] = []
 
     @classmethod
-    def from_model(cls, model: mujoco.MjModel, *, groups: Collection[int] = (1,), rng: np.random.Generator | None = None) -> "SceneGeometry":
+    def from_model(
+        cls, model: mujoco.MjModel, *, groups: Collection[int] = (1,), rng: np.random.Generator | None = None
+    ) -> "SceneGeometry":
         """Collect the geoms and flexes of the given groups; call `update` before the first image.
 
-        Geoms become tissue, tool, stage or other by the prefix of their names, flexes tissue. Fully transparent geoms are left out.
+        Geoms become tool, stage or other by the prefix of their names, flexes tissue. Fully transparent geoms are left out.
 
         Args:
             model: The compiled model.
@@ -165,20 +181,21 @@ def tissue_texture(points_at_rest: NDArray[np.floating], rng: np.random.Generato
     phase = rng.uniform(0.0, 2.0 * np.pi, _TEXTURE_WAVES)
     weight = np.sqrt(wavelength / np.sum(wavelength) * 2.0) * _TEXTURE_STD
     waves = np.cos(2.0 * np.pi * points_at_rest @ (direction / wavelength[:, None]).T + phase)
-    return np.clip(1.0 + waves @ weight, 0.5, 1.5).astype(np.float32)
+    factor: NDArray[np.float64] = np.clip(1.0 + waves @ weight, 0.5, 1.5)
+    return factor.astype(np.float32)
 
 
-def _spread(name: str, values: NDArray[np.generic] | float, count: int, dtype: type[np.generic]) -> NDArray[np.generic]:
-    """Return `values` as an array of `count` entries."""
+def _spread(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
+    """Return `values` as an array of `count` entries, a single number for all of them."""
     array = np.asarray(values)
     if array.ndim == 0:
         array = np.full(count, array)
     if array.shape != (count,):
         raise InvalidValueError(f"shape of {name}", array.shape, f"({count},)")
-    return array.astype(dtype)
+    return array
 
 
-def _flex_surface(model: mujoco.MjModel, flex: int) -> primitives.Surface:
+def _flex_surface(model: mujoco.MjModel, flex: int) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
     """Return the rows of `flexvert_xpos` on the surface of a flex, and its triangles as rows of those."""
     dim = int(model.flex_dim[flex])
     if dim == 3:
@@ -190,10 +207,10 @@ def _flex_surface(model: mujoco.MjModel, flex: int) -> primitives.Surface:
     else:
         raise InvalidValueError(f"dimension of flex {flex}", dim, "2 or 3; a line has no surface")
     vertices, triangles = np.unique(corners, return_inverse=True)
-    return vertices + int(model.flex_vertadr[flex]), triangles.reshape(-1, 3).astype(np.int32)
+    return vertices.astype(np.intp) + int(model.flex_vertadr[flex]), triangles.reshape(-1, 3).astype(np.int32)
 
 
-def _flex_rest_points(model: mujoco.MjModel, vertices: NDArray[np.integer]) -> NDArray[np.float64]:
+def _flex_rest_points(model: mujoco.MjModel, vertices: NDArray[np.intp]) -> NDArray[np.float64]:
     """Return where the vertices of a flex are in the model's reference pose."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -212,25 +229,14 @@ def _geom_opacity(model: mujoco.MjModel) -> NDArray[np.float64]:
 def _geom_surface(model: mujoco.MjModel, geom: int) -> primitives.Surface:
     """Return the triangles of a geom in its own frame."""
     kind = mujoco.mjtGeom(int(model.geom_type[geom]))
-    size = model.geom_size[geom]
-    match kind:
-        case mujoco.mjtGeom.mjGEOM_SPHERE:
-            return primitives.sphere(size[0])
-        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
-            return primitives.ellipsoid(size[0], size[1], size[2])
-        case mujoco.mjtGeom.mjGEOM_CAPSULE:
-            return primitives.capsule(size[0], size[1])
-        case mujoco.mjtGeom.mjGEOM_CYLINDER:
-            return primitives.cylinder(size[0], size[1])
-        case mujoco.mjtGeom.mjGEOM_BOX:
-            return primitives.box(size[0], size[1], size[2])
-        case mujoco.mjtGeom.mjGEOM_PLANE:
-            return primitives.plane(size[0], size[1])
-        case mujoco.mjtGeom.mjGEOM_MESH:
-            mesh = int(model.geom_dataid[geom])
-            points = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
-            triangles = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
-            return primitives.facets(points.astype(np.float64), triangles)
-        case _:
-            name = model.geom(geom).name or f"number {geom}"
-            raise InvalidValueError(f"type of geom {name}", kind.name, "sphere, ellipsoid, capsule, cylinder, box, plane or mesh")
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = int(model.geom_dataid[geom])
+        points = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+        triangles = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+        return primitives.facets(points.astype(np.float64), triangles)
+    if kind not in _PRIMITIVES:
+        name = model.geom(geom).name or f"number {geom}"
+        allowed = ", ".join(sorted(k.name for k in (*_PRIMITIVES, mujoco.mjtGeom.mjGEOM_MESH)))
+        raise InvalidValueError(f"type of geom {name}", kind.name, allowed)
+    make, sizes = _PRIMITIVES[kind]
+    return make(*(float(size) for size in model.geom_size[geom][:sizes]))

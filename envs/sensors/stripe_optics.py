@@ -39,8 +39,10 @@ class Material:
         Raises:
             InvalidValueError: If a field lies outside its range.
         """
-        for name, low, high in (("albedo", 0.0, 1.0), ("reflectance", 0.0, 1.0), ("roughness", 0.02, 1.0), ("subsurface_fwhm_m", 0.0, 0.02)):
-            _check_range(name, getattr(self, name), low, high)
+        _check_range("albedo", self.albedo, 0.0, 1.0)
+        _check_range("reflectance", self.reflectance, 0.0, 1.0)
+        _check_range("roughness", self.roughness, 0.02, 1.0)
+        _check_range("subsurface_fwhm_m", self.subsurface_fwhm_m, 0.0, 0.02)
 
 
 TISSUE = Material(albedo=0.4, reflectance=0.025, roughness=0.2, subsurface_fwhm_m=0.001)
@@ -65,8 +67,9 @@ class StripeOptics:
 
         (source² + pixel²) + (aperture / 4 * (1/z - 1/focus))² + (subsurface / z)²
 
-    where the second part is the defocus of a round aperture. With the defaults its Michelson contrast on a matte facing plane is
-    0.58 at 70 mm and 0.44 at 100 mm, as measured on the laparoscope that the simulator follows.
+    where the second part is the defocus of a round aperture. With the defaults the Michelson contrast of a matte facing
+    plane is within 0.01 of 0.58 at 70 mm and 0.44 at 100 mm, as measured on the laparoscope that the simulator follows;
+    scattering under the surface of tissue takes more of it.
     """
 
     led_power_w: float = 0.031

@@ -36,7 +36,8 @@ class CompactEstimator:
         self._rig = rig
         self._max_log_scale = float(np.log(max_scale_mm))
         self._device = torch.device(device)
-        self._network = _fuse(network.eval()).to(self._device).to(memory_format=torch.channels_last)
+        self._network = _fuse(network.eval()).to(self._device)
+        self._network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         self._network.requires_grad_(requires_grad=False)
 
     @classmethod

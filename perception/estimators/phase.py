@@ -20,19 +20,19 @@ class PhaseConfig:
     """Near end of the turn of phase that is taken to be the right one; the far end follows from the rig (195 mm)."""
     farthest_mm: float = 160.0
     """Depths beyond are called invalid; a turn later the tool, close to the scope, would look as far away as this."""
-    window_periods: float = 0.45
+    window_periods: float = 0.6
     """Standard deviation of the Gaussian window along the stripes' x, in periods: about one is a fair default, less keeps
     slopes and edges sharp, more averages noise."""
-    support_px: float = 1.5
+    support_px: float = 2.0
     """Standard deviation of the averaging across rows."""
     min_amplitude: float = 4.0
     """Least amplitude of the stripes, in grey values, above the camera's noise."""
     min_contrast: float = 0.12
     """Least amplitude relative to the local mean."""
-    max_residual: float = 0.55
+    max_residual: float = 0.5
     """Largest misfit of the fitted wave, root mean square relative to its amplitude."""
-    max_slope_turns: float = 0.02
-    """Largest step of phase between neighbouring pixels: 1.5 mm at 100 mm."""
+    max_slope_turns: float = 0.015
+    """Largest step of phase between neighbouring pixels: 1.7 mm at 100 mm."""
     saturated: int = 253
     """Grey value from which a pixel counts as saturated."""
 

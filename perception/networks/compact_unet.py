@@ -35,7 +35,7 @@ class CompactConfig:
 
     widths: tuple[int, ...] = (32, 48, 64, 96, 128)
     """Channels of each level, from half the image's size down by powers of two."""
-    windows: tuple[tuple[float, float], ...] = ((0.35, 1.0), (0.6, 2.5))
+    windows: tuple[tuple[float, float], ...] = ((0.6, 2.0), (0.35, 1.0))
     """Demodulation windows: standard deviation along x in periods and along y in pixels. The first is the base."""
 
     def __post_init__(self) -> None:
@@ -151,13 +151,10 @@ class CompactUNet(nn.Module):
         self.lift = nn.ModuleList(nn.Conv2d(coarse, fine, 1) for fine, coarse in pairwise(widths))
         self.up = nn.ModuleList(nn.Sequential(_block(fine, fine), _block(fine, fine)) for fine in widths[:-1])
         self.head = nn.Conv2d(widths[0], 4 * _OUTPUTS, 3, padding=1)
-        bias = self.head.bias
-        assert bias is not None
         with torch.no_grad():
             # Starts as the classical phase: no correction, gate open at 0.88, scale 1 mm.
             self.head.weight.mul_(0.1)
-            nn.init.zeros_(bias)
-            bias[4:8] = 2.0
+            self.head.bias = nn.Parameter(torch.tensor([0.0] * 4 + [2.0] * 4 + [0.0] * 8))
 
     def forward(self, image: Tensor) -> CompactOutput:
         """Estimate from images (B, height, width), grey values 0-255 in float32."""

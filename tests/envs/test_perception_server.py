@@ -2,11 +2,11 @@ import threading
 
 import numpy as np
 import pytest
-from laploop.envs.sensors.stripe_capture import StripeCapture
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.envs.latency import ConstantLatency, TraceLatency
 from laploop.envs.perception_server import CapturedFrame, PerceptionServer
+from laploop.envs.sensors.stripe_capture import StripeCapture
 from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate, StripeFrame
