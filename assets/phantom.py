@@ -26,7 +26,7 @@ class TissueMaterial:
     """Mechanics of the phantom.
 
     The default stiffness lies in the small-strain range of soft tissue, 2-30 kPa. A coarse lattice cannot dent as locally as
-    the continuum, so that a probe feels about 0.3 N/mm at 10 kPa with 8x8x2 cells.
+    the continuum, so that a probe feels about 0.3 N/mm at 10 kPa with 10x10 cells.
     """
 
     young_pa: float = 10_000.0
@@ -67,8 +67,12 @@ class TissueConfig:
 
     shape: TissueShape = field(default_factory=TissueShape)
     material: TissueMaterial = field(default_factory=TissueMaterial)
-    cells: tuple[int, int, int] = (8, 8, 2)
-    """Lattice cells along x, y and z; cost grows with their number, and so does the detail of a dent."""
+    cells: tuple[int, int] = (10, 10)
+    """Lattice cells along x and y; cost grows with their number, and so does the detail of a dent.
+
+    There is one cell from bottom to top: upper cells above a crease would hold next to no tissue, and their nodes, almost
+    without mass and stiffness, would fly about.
+    """
 
     def __post_init__(self) -> None:
         """Check every field.
@@ -76,14 +80,13 @@ class TissueConfig:
         Raises:
             InvalidValueError: If a number of cells lies outside its range.
         """
-        if len(self.cells) != 3 or not all(1 <= count <= 32 for count in self.cells):
-            raise InvalidValueError("cells", self.cells, "three integers from 1 to 32")
+        if len(self.cells) != 2 or not all(2 <= count <= 32 for count in self.cells):
+            raise InvalidValueError("cells", self.cells, "two integers from 2 to 32")
 
     @property
     def nodes(self) -> tuple[int, int, int]:
         """Lattice nodes along x, y and z."""
-        x, y, z = self.cells
-        return x + 1, y + 1, z + 1
+        return self.cells[0] + 1, self.cells[1] + 1, 2
 
 
 def build_phantom(mesh: TissueMesh, config: TissueConfig) -> Any:
@@ -101,7 +104,7 @@ def build_phantom(mesh: TissueMesh, config: TissueConfig) -> Any:
   <option integrator="discrete"/>
   <worldbody>
     <body name="phantom">
-      <flexcomp name="{TISSUE}" type="direct" dim="3" dof="trilinear" cellcount="{cells[0]} {cells[1]} {cells[2]}"
+      <flexcomp name="{TISSUE}" type="direct" dim="3" dof="trilinear" cellcount="{cells[0]} {cells[1]} 1"
                 radius="{_SKIN_M!r}" mass="{volume * material.density!r}" rgba="0.86 0.52 0.46 1" group="{VISIBLE_GROUP}"
                 point="{points}" element="{elements}">
         <elasticity young="{material.young_pa!r}" poisson="{material.poisson!r}" damping="{material.damping_s!r}"/>

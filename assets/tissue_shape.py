@@ -37,7 +37,7 @@ class TissueShape:
     lobe_width_min_m: float = 0.026
     lobe_width_max_m: float = 0.034
     """Distance between neighbouring crests: that of an inflated small bowel, 25 to 35 mm across."""
-    lobe_height_m: float = 0.0105
+    lobe_height_m: float = 0.0125
     """From crease to crest."""
     ridges: int = 5
     """Bands of tissue that bridge neighbouring lobes."""
@@ -98,7 +98,7 @@ def height_field(shape: TissueShape, rng: np.random.Generator) -> Array:
     window = tuple(slice(int(start), int(start) + shape.samples) for start in corner)
     lobes, undulation, bulges = lobes[window], undulation[window], bulges[window]
     lobes = _with_ridges(shape, lobes, rng)
-    height = shape.lobe_height_m * lobes * (1.0 + 0.06 * undulation) + 0.0022 * undulation + 0.0006 * bulges
+    height = shape.lobe_height_m * lobes * (1.0 + 0.06 * undulation) + 0.0022 * undulation + 0.0009 * bulges
     # Rounds creases and the flanks of ridges to what tissue about 2 mm thick can do, and what the mesh can carry.
     height = ndimage.gaussian_filter(height, 0.0014 / pitch, mode="nearest")
     height *= min(1.0, (shape.height_m - shape.floor_m) / float(np.ptp(height)))

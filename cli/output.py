@@ -13,7 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from laploop.errors import OutputError
+from laploop.errors import LaploopError, OutputError
 
 SUMMARY = "summary.json"
 
@@ -42,14 +42,17 @@ class OutputFolder:
         self.command = command
         self._begin = time.perf_counter()
         self._made: list[Path] = []
+        self._artefacts: list[str] = []
         try:
             missing = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
             for folder in reversed(missing):
                 folder.mkdir(exist_ok=True)
                 self._made.append(folder)
             probe = self.path / ".laploop-probe"
-            probe.write_bytes(b"x")
-            probe.unlink()
+            try:
+                probe.write_bytes(b"x")
+            finally:
+                probe.unlink(missing_ok=True)
         except OSError as error:
             self._remove_made()
             raise _output_error(self.path, error) from error
@@ -76,14 +79,19 @@ class OutputFolder:
             final.parent.mkdir(parents=True, exist_ok=True)
             yield partial
             if name != SUMMARY:
-                (self.path / SUMMARY).unlink(missing_ok=True)
+                self.forget_summary()
             partial.replace(final)
+            self._artefacts.append(name)
         except OSError as error:
-            if isinstance(error, OutputError) or error.filename not in (None, partial, str(partial)):
+            if isinstance(error, LaploopError) or error.filename not in {None, str(partial)}:
                 raise
             raise _output_error(final, error) from error
         finally:
             partial.unlink(missing_ok=True)
+
+    def forget_summary(self) -> None:
+        """Remove the summary of an earlier run; for commands whose artefacts are not written through `artefact`."""
+        (self.path / SUMMARY).unlink(missing_ok=True)
 
     def write_text(self, name: str, text: str) -> None:
         """Write a text artefact."""
@@ -107,6 +115,7 @@ class OutputFolder:
             "seed": seed,
             "versions": versions(),
             "wall_s": round(time.perf_counter() - self._begin, 3),
+            "artefacts": list(self._artefacts),
             **plain(results),
         }
         self.write_text(SUMMARY, json.dumps(summary, indent=2, allow_nan=False) + "\n")

@@ -44,6 +44,8 @@ class ReachControllerConfig:
     max_speed_mps: float = 0.06
     approach_speed_mps: float = 0.010
     """Relative to the tissue, from the stand-off on."""
+    max_catch_up_mps: float = 0.020
+    """Fastest return to the reference near tissue, relative to it."""
     acceleration_mps2: float = 0.4
     """With which travelling ends at a way-point."""
     position_gain_per_s: float = 8.0
@@ -51,6 +53,8 @@ class ReachControllerConfig:
     standoff_m: float = 0.008
     clearance_m: float = 0.006
     """Between the tip's path and the highest tissue in view, before the descent."""
+    max_climb_m: float = 0.035
+    """Highest that the path passes above the target, whatever seems to be in view."""
     early_contact_m: float = 0.005
     """A touch farther than this before the estimated surface is an obstacle, not the target."""
     search_m: float = 0.003
@@ -83,7 +87,7 @@ class ReachControllerConfig:
             InvalidValueError: If a number is not finite and above 0, or forces are not in order.
         """
         for name, value in vars(self).items():
-            if isinstance(value, float) and not 0.0 < value < math.inf:
+            if isinstance(value, int | float) and not 0.0 < value < math.inf:
                 raise InvalidValueError(name, value, "finite and above 0")
         forces = (self.contact_force_n, self.hold_force_n, self.bump_force_n, self.alarm_force_n)
         if list(forces) != sorted(forces):
@@ -199,8 +203,9 @@ class ReachController:
         step = config.approach_speed_mps * elapsed
         reference = geometry.goal + self._height * geometry.axis
         way = reference - state.tip_in_camera
+        back = self._back_to_the_reference(way)
         if np.linalg.norm(way) > 0.002:
-            return self._towards(way)
+            return back
         if self._height > 0.0:
             self._height = max(self._height - step, 0.0)
             ahead = -geometry.axis
@@ -209,7 +214,12 @@ class ReachController:
             ahead = geometry.ray
         else:
             ahead = np.zeros(3)
-        return config.approach_speed_mps * ahead + config.position_gain_per_s * way
+        return config.approach_speed_mps * ahead + back
+
+    def _back_to_the_reference(self, way: Array) -> Array:
+        """Return the velocity that removes a lag; near tissue that must never be a leap."""
+        velocity = self._config.position_gain_per_s * way
+        return velocity * min(1.0, self._config.max_catch_up_mps / max(float(np.linalg.norm(velocity)), 1e-12))
 
     def _touch(self, state: ControlInput, geometry: "_Geometry", elapsed: float) -> Array:
         config, normal, force = self._config, geometry.normal, state.contact_force_n
@@ -217,12 +227,12 @@ class ReachController:
             self._feel(geometry, share=min(1.0, config.adaptation_per_s * elapsed))
         way = geometry.goal - state.tip_in_camera
         along = float(way @ normal)
-        across = config.position_gain_per_s * (way - along * normal)
+        across = self._back_to_the_reference(way - along * normal)
         lift = config.admittance_mps_per_n * (force - config.hold_force_n)
         lift = min(max(lift, -config.max_press_speed_mps), config.max_yield_speed_mps)
         if along > config.search_m and lift < 0.0:
             # Nothing is felt that deep below the surface: go by sight.
-            lift = config.position_gain_per_s * (along - config.search_m)
+            lift = min(config.position_gain_per_s * (along - config.search_m), config.max_yield_speed_mps)
         return across + lift * normal
 
     def _feel(self, geometry: "_Geometry", *, share: float) -> None:
@@ -255,7 +265,7 @@ class _Geometry:
         # two, after a bump along the shaft.
         self.axis = _unit(target.normal + self.shaft) if attempts % 2 == 0 else self.shaft
         self.standoff = self.goal + config.standoff_m * self.axis
-        self.safe_depth = target.nearest_depth - config.clearance_m - radius
+        self.safe_depth = max(target.nearest_depth - config.clearance_m - radius, self.goal[2] - config.max_climb_m)
         climb = max(self.standoff[2] - self.safe_depth, 0.0) / max(-self.shaft[2], 0.2)
         self.above = self.standoff + climb * self.shaft
         # The seen surface moves against the normal when it moves along the ray.

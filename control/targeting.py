@@ -16,6 +16,9 @@ from laploop.perception.messages import DepthFrame
 
 Array = NDArray[np.float64]
 
+_NEAREST_PERCENTILE = 0.5
+"""Of all depths in view, what counts as the nearest; fewer pixels than that may be outliers."""
+
 _HISTORY_TICKS = 128
 """Remembered poses of the tool: one second at 125 Hz, more than the age of any frame worth using."""
 
@@ -30,11 +33,11 @@ class TargetingConfig:
     """Share of the patch's pixels that must be valid and free of the tool for a frame to become the reference."""
     track_radius_m: float = 0.012
     """Of the neighbourhood whose median displacement stands for the target's."""
-    track_points: int = 240
+    track_points: int = 160
     """So many points of the neighbourhood are followed, at most."""
     min_track_points: int = 24
     """So many of them must be seen for a frame to count."""
-    iterations: int = 3
+    iterations: int = 2
     """Of the displacement, which decides which pixels show the points."""
     outline: ToolOutline = field(default_factory=ToolOutline)
     tracker: AxialTrackerConfig = field(default_factory=AxialTrackerConfig)
@@ -96,6 +99,8 @@ class Targeting:
         self._rig = rig
         self._config = config = config or TargetingConfig()
         self._eyes = np.array([[0.0, 0.0, 0.0], [rig.baseline_m, 0.0, 0.0]])
+        self._last_corner = np.array([rig.camera.width - 1.0, rig.camera.height - 1.0])
+        self._neighbours = np.array([0, 1, rig.camera.width, rig.camera.width + 1])
         self.reset()
 
     def reset(self) -> None:
@@ -171,11 +176,12 @@ class Targeting:
         depth_mm, valid = frame.estimate.depth_mm[coarse], frame.estimate.valid[coarse]
         points = self._rig.camera.rays[coarse][valid] * (1e-3 * depth_mm[valid].astype(np.float64))[:, None]
         points = points[~self._hidden(points, frame.captured_ns, state)]
-        return float(np.percentile(points[:, 2], 1.0))
+        return float(np.percentile(points[:, 2], _NEAREST_PERCENTILE))
 
     def _hidden(self, points: Array, captured_ns: int, state: ControlInput) -> NDArray[np.bool_]:
-        tip = min(self._poses, key=lambda pose: abs(pose[0] - captured_ns))[1]
-        return hidden_by_tool(points, tip, state.trocar_in_camera, self._eyes, self._config.outline)
+        # The newest pose that is not later than the frame; the oldest known for a frame from before the first tick.
+        before = (tip for time_ns, tip in reversed(self._poses) if time_ns <= captured_ns)
+        return hidden_by_tool(points, next(before, self._poses[0][1]), state.trocar_in_camera, self._eyes, self._config.outline)
 
     def _depth_around(self, frame: DepthFrame, pixel: Array, reach: int) -> tuple[Array, Array]:
         """Return valid depths (n,) in metres and their rays (n, 3) within `reach` pixels of a pixel."""
@@ -194,16 +200,11 @@ class Targeting:
         """
         camera = self._rig.camera
         pixels = camera.project(points) - 0.5
-        inside = np.all((pixels >= 0.0) & (pixels < [camera.width - 1, camera.height - 1]), axis=1)
-        pixels = np.where(inside[:, None], pixels, 0.0)
+        inside = ((pixels >= 0.0) & (pixels < self._last_corner)).all(axis=1)
+        pixels[~inside] = 0.0
         corner = pixels.astype(np.intp)
-        share = pixels - corner
-        column, row = corner[:, 0], corner[:, 1]
-        depth, valid = frame.estimate.depth_mm, frame.estimate.valid
-        total = np.zeros(len(points))
-        for down in (0, 1):
-            for right in (0, 1):
-                weight = (share[:, 0] if right else 1.0 - share[:, 0]) * (share[:, 1] if down else 1.0 - share[:, 1])
-                total += weight * depth[row + down, column + right]
-                inside &= valid[row + down, column + right]
-        return total * 1e-3, inside
+        right, down = (pixels - corner).T
+        neighbours = (corner[:, 1] * camera.width + corner[:, 0])[:, None] + self._neighbours
+        weights = np.stack([(1.0 - right) * (1.0 - down), right * (1.0 - down), (1.0 - right) * down, right * down], axis=-1)
+        depth_mm = np.einsum("ni,ni->n", weights, frame.estimate.depth_mm.take(neighbours))
+        return depth_mm * 1e-3, inside & frame.estimate.valid.take(neighbours).all(axis=1)

@@ -82,7 +82,7 @@ class ClosedLoop:
 
         Args:
             theatre_config: What to build; its time step and control period must be those of the rates.
-            rng: Source of noise, of latencies, and of the proprioceptive channels' corruption.
+            rng: Source of noise, of latencies, of the tissue's texture, and of the proprioceptive channels' corruption.
             at_first_frame: Called at time 0, when the first frame has just been captured.
 
         Raises:
@@ -94,7 +94,7 @@ class ClosedLoop:
             if round(getattr(theatre_config, name) * 1e9) != period_ns:
                 raise InvalidValueError(name, getattr(theatre_config, name), f"{period_ns * 1e-9} as in the rates")
         self.close()
-        self._noise_rng, latency_rng, corruption_rng = rng.spawn(3)
+        self._noise_rng, latency_rng, corruption_rng, texture_rng = rng.spawn(4)
         self.timer = StageTimer()
         self.theatre = Theatre(theatre_config)
         self.theatre.reset()
@@ -102,7 +102,7 @@ class ClosedLoop:
         self._tool_controller = RcmController(ArmModel(arm.world_from_base, INSTRUMENT), arm.trocar_in_world, self.config.rcm)
         self._tool_controller.reset(arm.home_q)
         self._camera = StripeCamera(self.rig, self.config.stripes, device=self.config.device)
-        self._camera.attach(self.theatre.model)
+        self._camera.attach(self.theatre.model, rng=texture_rng)
         self._server = PerceptionServer(self.estimator, self.config.latency, latency_rng)
         self._proprioception = Proprioception(
             self.theatre, self.config.proprioception, self.config.rates.physics_steps_per_control

@@ -114,8 +114,8 @@ class ReachEnv(gym.Env[dict[str, Any], NDArray[np.float32]]):
     ## Info
 
     `target_error_mm`, `rcm_error_mm` (`camera`, `tool`: worst of the period's physics steps), `contact_force_n` (likewise),
-    `depth_mae_mm` and `depth_valid_fraction` (both on the tissue), `depth_age_ms`, `sim_s`, `frames`, `dropped_frames`, `success`,
-    `terminated_by`, `reward_terms`.
+    `depth_mae_mm` and `depth_valid_fraction` (both on the tissue), `depth_age_ms`, `sim_s`, `frames`, `dropped_frames`,
+    `success`, `terminated_by`, `reward_terms`.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  Gymnasium's own convention

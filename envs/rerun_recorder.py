@@ -1,5 +1,6 @@
 """An episode as a Rerun file that opens ready to read."""
 
+import warnings
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
@@ -7,6 +8,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+from rerun.chunk import RrdReader
 
 from laploop.envs.recorder import STAGES, DepthRecord, FrameRecord, TickRecord
 from laploop.envs.rerun_blueprint import ERROR_RANGE_MM, PLOTS, episode_blueprint, legend
@@ -132,6 +134,7 @@ class RerunRecorder:
         self._normals_of = VertexNormals(triangles, len(theatre.tissue.surface_points()))
         tissue = rr.Mesh3D.from_fields(triangle_indices=triangles.astype(np.uint32), albedo_factor=_TISSUE_COLOR)
         stream.log("world/tissue", tissue, static=True)
+        stream.log("world/target", rr.Points3D([[0.0, 0.0, 0.0]], radii=[0.0015], colors=[_TARGET_COLOR]), static=True)
         camera = rr.Pinhole(
             resolution=[rig.camera.width, rig.camera.height],
             focal_length=[rig.camera.fx, rig.camera.fy],
@@ -179,12 +182,23 @@ class RerunRecorder:
         self._log_surface(record, error)
 
     def close(self) -> None:
-        """Send what is left and give the recording its name."""
+        """Send what is left and give the recording its name.
+
+        Raises:
+            OutputError: If the recording did not get to the disk as a whole.
+        """
         if self._closed:
             return
         self._closed = True
         self._send_batch()
         self._stream.disconnect()
+        # Rerun writes in a thread of its own, which only logs when the disk refuses.
+        try:
+            with warnings.catch_warnings(action="error"):
+                RrdReader(self._partial).recordings()
+        except (RuntimeError, Warning) as error:
+            self._partial.unlink(missing_ok=True)
+            raise OutputError(f"cannot write {self.path}: the recording broke off; is the disk full?") from error
         self._partial.replace(self.path)
 
     def discard(self) -> None:
@@ -266,7 +280,6 @@ class RerunRecorder:
             self._send_scalars(f"stage_ms/{stage}", times)
         index = [_times([tick.now_ns for tick in ticks])]
         targets = rr.Transform3D.columns(translation=np.stack([tick.target_in_world for tick in ticks]))
-        self._stream.log("world/target", rr.Points3D([[0, 0, 0]], radii=[0.0015], colors=[_TARGET_COLOR]), static=True)
         self._stream.send_columns("world/target", index, targets)
 
     def _send_scalars(self, series: str, samples: list[tuple[int, float]]) -> None:

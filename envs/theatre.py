@@ -24,7 +24,8 @@ __all__ = ["Arm", "Theatre", "TheatreConfig"]
 
 Array = NDArray[np.float64]
 
-_SETTLE_S = 0.6
+_SETTLE_LIMIT_S = 2.0
+_AT_REST_M_S = 1e-6
 
 
 class Theatre:
@@ -178,8 +179,15 @@ class Theatre:
             self.data.qpos[arm.qpos_indices] = arm.home_q
             self.data.ctrl[arm.actuator_indices] = arm.home_q
         self._place_stage()
-        for _ in range(round(_SETTLE_S / self.config.timestep_s)):
+        for step in range(round(_SETTLE_LIMIT_S / self.config.timestep_s)):
             mujoco.mj_step(self.model, self.data)
+            if step % 10 == 0 and np.abs(self.data.qvel).max() < _AT_REST_M_S:
+                break
+        else:
+            raise SimulationError(
+                f"the tissue still moves at {np.abs(self.data.qvel).max():.2g} m/s after {_SETTLE_LIMIT_S} s; "
+                f"allowed: {_AT_REST_M_S} m/s"
+            )
         self._check()
         qpos = np.array(self.data.qpos)
         for arm in self.arms:

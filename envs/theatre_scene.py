@@ -101,7 +101,7 @@ def _compile(
     spec.compiler.fusestatic = False
     spec.option.timestep = config.timestep_s
     # Tissue elasticity needs the discrete integrator. In contact, Newton needs one or two iterations where conjugate
-    # gradients need ten: 2.4 against 3.6 ms a step with 8x8x2 cells.
+    # gradients need ten, or, against a hard contact with friction, a hundred.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC

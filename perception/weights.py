@@ -43,6 +43,9 @@ def save_weights(
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot write weights to {path}: {error}") from error
+    try:
         save_file({name: tensor.detach().contiguous() for name, tensor in tensors.items()}, partial, metadata=metadata)
         partial.replace(path)
     except (OSError, SafetensorError) as error:

@@ -65,16 +65,21 @@ def vertex_normals(
     points: wp.array(dtype=wp.vec3),
     corners: wp.array(dtype=wp.int32),
     offsets: wp.array(dtype=wp.int32),
-    triangles: wp.array(dtype=wp.int32),
+    around: wp.array(dtype=wp.int32),
     normals: wp.array(dtype=wp.vec3),
 ):
-    """Average the normals of the triangles around each vertex, weighted by area."""
+    """Average the normals of the triangles around each vertex, with the weights that are exact on spheres (Max 1999)."""
     vertex = wp.tid()
     total = wp.vec3(0.0, 0.0, 0.0)
+    here = points[vertex]
     for k in range(offsets[vertex], offsets[vertex + 1]):
-        t = 3 * triangles[k]
-        a = points[corners[t]]
-        total += wp.cross(points[corners[t + 1]] - a, points[corners[t + 2]] - a)
+        corner = around[k]
+        triangle = corner // 3
+        p = points[corners[3 * triangle + (corner + 1) % 3]] - here
+        q = points[corners[3 * triangle + (corner + 2) % 3]] - here
+        lengths = wp.dot(p, p) * wp.dot(q, q)
+        if lengths > 0.0:
+            total += wp.cross(p, q) / lengths
     normals[vertex] = wp.normalize(total)
 
 

@@ -14,7 +14,7 @@ Triangles = NDArray[np.int32]
 Surface = tuple[Points, Triangles]
 
 _SAG_M = 4e-6
-"""How far a chord may run inside the round surface that it stands for."""
+"""Depth of a chord below its arc; the chords are moved outwards by half of it, so that they cut the round surface."""
 _UNBOUNDED_M = 1.0
 """Half the size given to an infinite plane."""
 
@@ -29,12 +29,14 @@ def ellipsoid(a: float, b: float, c: float) -> Surface:
     segments = _segments(max(a, b, c))
     angle = np.linspace(-math.pi / 2.0, math.pi / 2.0, segments // 2 + 1)
     points, triangles = _revolve(np.cos(angle), np.sin(angle), segments)
-    return points * np.array([a, b, c]), triangles
+    # Half the sag along and half of it across.
+    return points * np.array([a, b, c]) * (1.0 + _relative_sag(segments)), triangles
 
 
 def capsule(radius: float, half_length: float) -> Surface:
     """Tessellate a capsule along z; `half_length` without the hemispheres."""
     segments = _segments(radius)
+    radius *= 1.0 + 0.5 * _relative_sag(segments)
     angle = np.linspace(0.0, math.pi / 2.0, segments // 4 + 1)
     z_side = _cuts(half_length, radius)
     z = np.concatenate([-half_length - radius * np.sin(angle[:0:-1]), z_side, half_length + radius * np.sin(angle[1:])])
@@ -45,6 +47,7 @@ def capsule(radius: float, half_length: float) -> Surface:
 def cylinder(radius: float, half_length: float) -> Surface:
     """Tessellate a closed cylinder along z."""
     segments = _segments(radius)
+    radius *= 1.0 + 0.5 * _relative_sag(segments)
     z_side = _cuts(half_length, radius)
     side = _revolve(np.full(len(z_side), radius), z_side, segments, closed=False)
     top = _revolve(np.array([radius, 0.0]), np.array([half_length, half_length]), segments)
@@ -89,6 +92,11 @@ def _segments(radius: float) -> int:
     """Return the number of chords around a circle, a multiple of 4, that keeps to the allowed sag."""
     count = math.pi / math.acos(max(1.0 - _SAG_M / radius, 0.0))
     return 4 * math.ceil(min(max(count, 12.0), 256.0) / 4.0)
+
+
+def _relative_sag(segments: int) -> float:
+    """Return the sag of a chord over the radius of its circle."""
+    return 1.0 - math.cos(math.pi / segments)
 
 
 def _cuts(half_length: float, radius: float) -> Points:

@@ -55,7 +55,7 @@ class RayScene:
         self.mesh: Any = wp.Mesh(points=self.points, indices=self.corners, groups=parts)
         self.object_ids: Any = wp.array(geometry.object_ids, dtype=wp.uint8, device=device)
         self.albedo_factor: Any = wp.array(geometry.albedo_factor, dtype=wp.float32, device=device)
-        offsets, order = geometry.triangles_around_vertices()
+        offsets, order = geometry.corners_around_vertices()
         self._offsets: Any = wp.array(offsets, dtype=wp.int32, device=device)
         self._order: Any = wp.array(order, dtype=wp.int32, device=device)
         self.normals: Any = wp.zeros(len(geometry.points), dtype=wp.vec3, device=device)

@@ -161,13 +161,13 @@ class SceneGeometry:
             raise InvalidValueError("shape of points", points.shape, f"{self.points.shape}")
         self.points[:] = points
 
-    def triangles_around_vertices(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """List for each vertex the triangles that touch it: rows `order[offsets[i] : offsets[i + 1]]` for vertex i."""
+    def corners_around_vertices(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """List for each vertex where it occurs in `triangles.ravel()`: `order[offsets[i] : offsets[i + 1]]` for vertex i."""
         corners = self.triangles.ravel()
-        order = np.argsort(corners, kind="stable").astype(np.int32) // 3
+        order = np.argsort(corners, kind="stable").astype(np.int32)
         offsets = np.zeros(len(self.points) + 1, dtype=np.int32)
         np.cumsum(np.bincount(corners, minlength=len(self.points)), out=offsets[1:])
-        return offsets, order.astype(np.int32)
+        return offsets, order
 
 
 def tissue_texture(points_at_rest: NDArray[np.floating], rng: np.random.Generator) -> NDArray[np.float32]:

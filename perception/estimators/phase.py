@@ -33,6 +33,8 @@ class PhaseConfig:
     """Largest misfit of the fitted wave, root mean square relative to its amplitude."""
     max_slope_turns: float = 0.015
     """Largest step of phase between neighbouring pixels: 1.7 mm at 100 mm."""
+    margin_periods: float = 0.8
+    """What is nearer to the left or right end of the image or of the lit field is invalid: the window hangs over."""
     saturated: int = 253
     """Grey value from which a pixel counts as saturated."""
 
@@ -47,6 +49,8 @@ class PhaseConfig:
         for name in ("window_periods", "support_px", "max_residual", "max_slope_turns"):
             if not getattr(self, name) > 0.0:
                 raise InvalidValueError(name, getattr(self, name), "above 0")
+        if not self.margin_periods >= 0.0:
+            raise InvalidValueError("margin_periods", self.margin_periods, "0 or more")
         if not 1 <= self.saturated <= 255:
             raise InvalidValueError("saturated", self.saturated, "1 to 255")
 
@@ -126,8 +130,18 @@ class PhaseEstimator:
             & (depth_mm <= config.farthest_mm)
             & (image < config.saturated)
             & (_steepest_step(turns) <= config.max_slope_turns)
+            & self._window_inside(turns)
         )
         return DepthEstimate(depth_mm=depth_mm.astype(np.float32), valid=valid)
+
+    def _window_inside(self, turns: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Tell where enough of the window lies inside the image and on the lit part of the mask."""
+        margin, mask, camera_x = self.config.margin_periods, self.rig.mask, self.rig.camera.rays[..., 0]
+        half_image = 0.5 * self.rig.camera.width / self.rig.camera.fx
+        half_mask = mask.half_width_tan - margin * mask.period_tan
+        mask_x = camera_x - mask.period_tan * turns
+        inside: NDArray[np.bool_] = (np.abs(mask_x) <= half_mask) & (np.abs(camera_x) <= half_image - margin * mask.period_tan)
+        return inside
 
 
 def _steepest_step(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -22,8 +22,11 @@ from laploop.perception.geometry import Rig
 FORMAT = "laploop-compact-1"
 """Changes whenever the same weights would mean something else."""
 
-_FARTHEST_TURNS = 0.52
-"""Start of the turn in which the classical phase is given to the network: 57 to 167 mm with the nominal rig."""
+_NEAREST_M = 0.057
+"""Near end of the turn in which the classical phase is given to the network; with the nominal rig it ends at 167 mm."""
+
+_DEPTH_RANGE_M = (0.0145, 0.289)
+"""What the network can say at all."""
 
 _OUTPUTS = 4
 """Maps at full size: correction, gate, free estimate, logarithm of the scale."""
@@ -82,6 +85,7 @@ class StripeFrontEnd(nn.Module):
         def keep(name: str, value: Tensor) -> None:
             self.register_buffer(name, value.to(torch.float32).contiguous(), persistent=False)
 
+        self._farthest_turns = carrier.turns_metre / _NEAREST_M - 1.0
         keep("wave", torch.stack([torch.cos(angle), -torch.sin(angle)])[:, None, :])
         keep("mean_x", torch.from_numpy(gaussian_matrix(camera.width, 0.8 * carrier.period_px).T))
         keep("mean_y", torch.from_numpy(gaussian_matrix(camera.height, 4.0)))
@@ -113,7 +117,7 @@ class StripeFrontEnd(nn.Module):
             contrast = wave.square().sum(dim=1, keepdim=True).sqrt()
             if index == 0:
                 turns = torch.atan2(-wave[:, 1], wave[:, 0]) / (2.0 * torch.pi)
-                base = _FARTHEST_TURNS + torch.remainder(turns - _FARTHEST_TURNS, 1.0)
+                base = self._farthest_turns + torch.remainder(turns - self._farthest_turns, 1.0)
             coarse += [wave / (contrast + 0.02), contrast]
         saturated = (image >= 253.0).to(image.dtype)
         coarse += [torch.log(mean[:, None] + 4.0) - 4.0, saturated[:, None]]
@@ -172,7 +176,7 @@ class CompactUNet(nn.Module):
         correction, gate, free, log_scale = maps.unbind(dim=1)
         trust = torch.sigmoid(gate)
         turns = trust * (base + correction) + (1.0 - trust) * (1.0 + free)
-        turns = turns.clamp(min=0.3, max=6.0)
+        turns = turns.clamp(min=self.turns_metre / _DEPTH_RANGE_M[1], max=self.turns_metre / _DEPTH_RANGE_M[0])
         return CompactOutput(
             turns=turns,
             depth_mm=1e3 * self.turns_metre / turns,

@@ -1,0 +1,331 @@
+"""How long every stage of the loop takes on this machine."""
+
+import csv
+import io
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.assets.shafts import INSTRUMENT
+from laploop.control.rcm_controller import RcmController
+from laploop.control.reach_controller import ReachController
+from laploop.control.robot import ArmModel
+from laploop.envs.closed_loop import LoopConfig
+from laploop.envs.episode import EpisodeConfig, run_episode
+from laploop.envs.reach_env import ReachConfig, ReachEnv
+from laploop.envs.recorder import ARM_NAMES, DepthRecord, FrameRecord, TickRecord
+from laploop.envs.sensors.object_id import ObjectId
+from laploop.envs.sensors.stripe_camera import StripeCamera
+from laploop.envs.sensors.stripe_capture import StripeCapture
+from laploop.envs.theatre import Theatre
+from laploop.errors import InvalidValueError, SimulationError
+from laploop.perception.estimators.oracle import OracleEstimator
+from laploop.perception.estimators.registry import ESTIMATOR_NAMES, make_estimator
+from laploop.perception.geometry import Rig
+from laploop.perception.messages import DepthFrame, StripeFrame
+
+LIMITS_MS: Mapping[str, float] = {"stripe frame": 20.0, "depth: compact": 40.0, "control tick": 0.5}
+"""What the loop asks of a machine with two cores."""
+
+LIMIT_REAL_TIME_FACTOR = 0.3
+
+_WARM_UP_CALLS = 10
+_PRESS_TICKS, _PRESS_MPS = 25, 0.005
+"""The tip goes 1 mm deeper before physics in contact is measured: 25 control periods of 8 ms at 5 mm/s."""
+_MOST_EPISODES = 50
+_TOUCH_N = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchConfig:
+    """What to measure."""
+
+    calls: int = 250
+    """Calls of every stage, at least."""
+    seed: int = 0
+    """Seed of the first theatre; each further episode takes the next."""
+    episodes: int = 3
+    """Whole episodes without a recording, each with the next seed."""
+    estimators: tuple[str, ...] = ESTIMATOR_NAMES
+    """Estimators whose time for a frame is measured."""
+    perception: str = "compact"
+    """Estimator of the whole episodes."""
+    seconds: float = 10.0
+    """Simulated time after which an unsolved episode ends."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            InvalidValueError: If a count is out of range.
+        """
+        for name, least, most in (("calls", 20, 100_000), ("episodes", 1, 1000)):
+            if not least <= getattr(self, name) <= most:
+                raise InvalidValueError(name, getattr(self, name), f"{least} to {most}")
+        EpisodeConfig(perception=self.perception, seed=self.seed, seconds=self.seconds)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """Wall-clock time of a stage, in milliseconds a call."""
+
+    name: str
+    calls: int
+    p5_ms: float
+    p50_ms: float
+    p95_ms: float
+    p99_ms: float
+    limit_ms: float | None
+    """For the median; None where nothing is asked."""
+
+    @classmethod
+    def of(cls, name: str, seconds: Sequence[float] | NDArray[np.float64]) -> "Stage":
+        """Make it from the durations of all calls."""
+        p5, p50, p95, p99 = np.percentile(np.asarray(seconds) * 1e3, [5, 50, 95, 99])
+        return cls(
+            name=name,
+            calls=len(seconds),
+            p5_ms=float(p5),
+            p50_ms=float(p50),
+            p95_ms=float(p95),
+            p99_ms=float(p99),
+            limit_ms=LIMITS_MS.get(name),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchResult:
+    """All that was measured."""
+
+    stages: tuple[Stage, ...]
+    episodes: tuple[Mapping[str, Any], ...]
+    """Summaries of the whole episodes."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain data: `stages`, `loop` (real-time factor, and what a simulated second is spent on), `episodes`."""
+        factors = [episode["real_time_factor"] for episode in self.episodes]
+        return {
+            "stages": [asdict(stage) for stage in self.stages],
+            "loop": {
+                "real_time_factor": {"median": float(np.median(factors)), "min": min(factors), "max": max(factors)},
+                "limit_real_time_factor": LIMIT_REAL_TIME_FACTOR,
+                "stage_ms": {
+                    stage: float(np.median([episode["stage_ms"][stage] for episode in self.episodes]))
+                    for stage in self.episodes[0]["stage_ms"]
+                },
+            },
+            "episodes": list(self.episodes),
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Touch:
+    """A theatre at the end of an episode, the instrument's tip on the tissue, and how long its control ticks took."""
+
+    env: ReachEnv
+    rcm: RcmController
+    """Where the tool's joint references are."""
+    targeting_s: list[float]
+    inverse_kinematics_s: list[float]
+
+
+def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = None) -> BenchResult:
+    """Measure every stage alone, then the whole loop.
+
+    Args:
+        config: What to measure.
+        progress: Called with the share that is done, 0 to 1.
+
+    Raises:
+        SimulationError: If no episode brings the tip onto the tissue.
+    """
+    report = progress or (lambda _share: None)
+    report(0.0)
+    rig = Rig.from_optics(LoopConfig().scope)
+    estimators = {name: make_estimator(name, rig) for name in config.estimators}
+    touch = _reach_the_tissue(config)
+    report(0.3)
+    env = touch.env
+    theatre = env.loop.theatre
+    stages = [
+        Stage.of("physics step, free", _time(Theatre(theatre.config).step, config.calls)),
+        Stage.of("physics step, in contact", _contact_physics(touch, config.calls)),
+        Stage.of("kinematics refresh", _time(theatre.refresh, config.calls)),
+        Stage.of("control tick", np.add(touch.targeting_s, touch.inverse_kinematics_s)),
+        Stage.of("control tick: targeting", touch.targeting_s),
+        Stage.of("control tick: inverse kinematics", touch.inverse_kinematics_s),
+    ]
+    camera = StripeCamera(env.loop.rig, env.config.loop.stripes, device=env.config.loop.device)
+    camera.attach(theatre.model)
+    rng = np.random.default_rng(config.seed)
+    pose = theatre.world_from_camera()
+    stages.append(Stage.of("stripe frame", _time(lambda: camera.capture(theatre.data, pose, rng), config.calls)))
+    report(0.5)
+    capture = camera.capture(theatre.data, pose, rng)
+    for name, estimator in estimators.items():
+        if isinstance(estimator, OracleEstimator):
+            estimator.see_truth(capture.depth_mm)
+        stages.append(Stage.of(f"depth: {name}", _time(partial(estimator.estimate, capture.image), config.calls)))
+    report(0.7)
+    stages.append(Stage.of("recorder frame", _recorder_times(env, capture, config.calls)))
+    env.close()
+    episodes: list[Mapping[str, Any]] = []
+    for number in range(config.episodes):
+        report(0.75 + 0.25 * number / config.episodes)
+        episode = EpisodeConfig(perception=config.perception, seed=config.seed + number, seconds=config.seconds)
+        episodes.append({"seed": episode.seed, **run_episode(episode)})
+    report(1.0)
+    return BenchResult(stages=tuple(stages), episodes=tuple(episodes))
+
+
+def _reach_the_tissue(config: BenchConfig) -> _Touch:
+    """Run episodes with exact depth until there are enough control ticks, and keep the last one, which ended in a touch."""
+    targeting: list[float] = []
+    kinematics: list[float] = []
+    for number in range(_MOST_EPISODES):
+        env = ReachEnv(ReachConfig(max_seconds=config.seconds), perception="oracle")
+        controller = ReachController(env.loop.rig)
+        env.reset(seed=config.seed + number)
+        arm = env.loop.theatre.tool_arm
+        rcm = RcmController(ArmModel(arm.world_from_base, INSTRUMENT), arm.trocar_in_world, env.config.loop.rcm)
+        rcm.reset(arm.home_q)
+        terminated = truncated = False
+        info: dict[str, Any] = {}
+        while not (terminated or truncated):
+            velocity = _timed(targeting, controller.command, env.control_input())
+            rotation = env.loop.theatre.world_from_camera()[:3, :3]
+            _timed(kinematics, rcm.step, rotation @ velocity, env.config.loop.rates.control_s)
+            _, _, terminated, truncated, info = env.step(velocity.astype(np.float32))
+        if info["success"] and len(targeting) >= config.calls:
+            return _Touch(env=env, rcm=rcm, targeting_s=targeting, inverse_kinematics_s=kinematics)
+        env.close()
+    raise SimulationError(f"no success in {_MOST_EPISODES} episodes with exact depth; there is nothing to measure contact on")
+
+
+def _contact_physics(touch: _Touch, calls: int) -> list[float]:
+    """Press the tip into the tissue and time physics steps there, those alone in which a force is felt."""
+    loop = touch.env.loop
+    theatre, arm = loop.theatre, loop.theatre.tool_arm
+    for _ in range(_PRESS_TICKS):
+        q, qdot = touch.rcm.step([0.0, 0.0, -_PRESS_MPS], loop.config.rates.control_s)
+        theatre.set_joint_targets(arm, q, qdot)
+        for _ in range(loop.config.rates.physics_steps_per_control):
+            theatre.step()
+    theatre.set_joint_targets(arm, touch.rcm.q)
+    seconds: list[float] = []
+    for _ in range(10 * calls):
+        _timed(seconds, theatre.step)
+        if np.linalg.norm(theatre.contact_force_in_world()) < _TOUCH_N:
+            seconds.pop()
+        if len(seconds) == calls:
+            theatre.refresh()
+            return seconds
+    raise SimulationError(f"the tip lost the tissue: {len(seconds)} of {10 * calls} physics steps were in contact")
+
+
+def _recorder_times(env: ReachEnv, capture: StripeCapture, calls: int) -> list[float]:
+    """Time what the Rerun recorder does in one camera period: a frame, a depth frame, and the control ticks between."""
+    from laploop.envs.rerun_recorder import RerunRecorder  # slow to import
+
+    rates, theatre = env.loop.config.rates, env.loop.theatre
+    pose, target = theatre.world_from_camera(), env.target_in_world()
+    oracle = OracleEstimator(env.loop.rig)
+    oracle.see_truth(capture.depth_mm)
+    estimate = oracle.estimate(capture.image)
+    seconds: list[float] = []
+    with TemporaryDirectory() as folder, RerunRecorder(Path(folder) / "bench.rrd") as recorder:
+        recorder.begin(theatre, env.loop.rig)
+        for index in range(calls):
+            now_ns = index * rates.camera_ns
+            times = {"index": index, "captured_ns": now_ns, "available_ns": now_ns, "world_from_camera": pose}
+            frame = FrameRecord(
+                now_ns=now_ns,
+                frame=StripeFrame(image=capture.image, **times),
+                exact_depth_mm=capture.depth_mm,
+                object_id=capture.object_id,
+            )
+            depth = DepthRecord(
+                now_ns=now_ns,
+                depth=DepthFrame(estimate=estimate, **times),
+                stripes=capture.image,
+                exact_depth_mm=capture.depth_mm,
+                tissue=capture.object_id == ObjectId.TISSUE,
+            )
+            ticks = [
+                TickRecord(
+                    now_ns=now_ns + number * rates.control_ns,
+                    target_error_mm=1.0,
+                    target_in_world=target,
+                    rcm_error_mm=dict.fromkeys(ARM_NAMES, 0.0),
+                    contact_force_n=0.0,
+                    depth_age_ms=40.0,
+                    stage_ms={"physics": 1.0, "control": 1.0},
+                )
+                for number in range(rates.camera_ns // rates.control_ns)
+            ]
+            begin = time.perf_counter()
+            recorder.frame(frame)
+            recorder.depth(depth)
+            for tick in ticks:
+                recorder.tick(tick)
+            seconds.append(time.perf_counter() - begin)
+    return seconds
+
+
+def _time(call: Callable[[], object], calls: int) -> list[float]:
+    for _ in range(_WARM_UP_CALLS):
+        call()
+    seconds: list[float] = []
+    for _ in range(calls):
+        _timed(seconds, call)
+    return seconds
+
+
+def _timed(seconds: list[float], call: Callable[..., Any], *arguments: Any) -> Any:
+    begin = time.perf_counter()
+    result = call(*arguments)
+    seconds.append(time.perf_counter() - begin)
+    return result
+
+
+def as_csv(result: BenchResult) -> str:
+    """Write the stages as CSV."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=[item.name for item in fields(Stage)], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(asdict(stage) for stage in result.stages)
+    return text.getvalue()
+
+
+def as_markdown(result: BenchResult, machine: Mapping[str, Any]) -> str:
+    """Write machine, stages and loop as Markdown."""
+    lines = [
+        (
+            f"Measured on {machine['cpu']}, {machine['usable_cores']} cores, {machine['memory_gib']} GiB, "
+            f"{machine['system']}; load before the measurement {machine['load_1min']}."
+        ),
+        "",
+        "| stage | calls | 5 % [ms] | median [ms] | 95 % [ms] | 99 % [ms] | asked [ms] |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for stage in result.stages:
+        numbers = " | ".join(f"{value:.3f}" for value in (stage.p5_ms, stage.p50_ms, stage.p95_ms, stage.p99_ms))
+        asked = "" if stage.limit_ms is None else f"{stage.limit_ms:g}"
+        lines.append(f"| {stage.name} | {stage.calls} | {numbers} | {asked} |")
+    loop = result.as_dict()["loop"]
+    factor = loop["real_time_factor"]
+    lines += [
+        "",
+        (
+            f"The whole loop runs at {factor['median']:.2f} of real time without a recording ({factor['min']:.2f} to "
+            f"{factor['max']:.2f} in {len(result.episodes)} episodes; asked: {LIMIT_REAL_TIME_FACTOR:g})."
+        ),
+    ]
+    return "\n".join(lines) + "\n"

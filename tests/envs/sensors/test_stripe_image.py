@@ -1,0 +1,199 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from laploop.assets.stripe_mask import StripeMask
+from laploop.envs.sensors.object_id import ObjectId
+from laploop.envs.sensors.scene_geometry import SceneGeometry
+from laploop.envs.sensors.stripe_camera import StripeCamera
+from laploop.envs.sensors.stripe_optics import StripeOptics
+
+AT_ORIGIN = np.eye(4)
+WITHOUT_STRAY_LIGHT = StripeOptics(stray_fraction=0.0)
+
+
+@pytest.fixture(scope="module")
+def flat_camera(rig):
+    """The same scope with a mask that is clear over nineteen twentieths of its field."""
+    return StripeCamera(replace(rig, mask=StripeMask(stripes=1, duty=0.95)), WITHOUT_STRAY_LIGHT)
+
+
+@pytest.fixture(autouse=True)
+def _nominal_optics(camera, flat_camera):
+    camera.set_optics(StripeOptics())
+    flat_camera.set_optics(WITHOUT_STRAY_LIGHT)
+
+
+def michelson(profile):
+    """Contrast of a stripe profile, from the means of its peaks and of its troughs."""
+    inner, left, right = profile[1:-1], profile[:-2], profile[2:]
+    high = inner[(inner >= left) & (inner > right)].mean()
+    low = inner[(inner <= left) & (inner < right)].mean()
+    return (high - low) / (high + low)
+
+
+def plane_contrast(camera, plane):
+    camera.attach_geometry(plane)
+    electrons = camera.capture(None, AT_ORIGIN, None).electrons
+    return michelson(electrons[118:138, 78:178].mean(axis=0))
+
+
+@pytest.mark.parametrize(("z", "tilt_x"), [(0.06, 0.0), (0.1, 0.0), (0.14, 0.0), (0.09, 0.5), (0.09, -0.5)])
+def test_stripe_edges_lie_where_triangulation_says(camera, flat_camera, rig, make_plane, z, tilt_x):
+    images = []
+    for scope in (camera, flat_camera):
+        scope.set_optics(WITHOUT_STRAY_LIGHT)
+        scope.attach_geometry(make_plane(z, tilt_x=tilt_x, half=0.2))
+        images.append(scope.capture(None, AT_ORIGIN, None).electrons[128].astype(float))
+    mask = rig.mask
+    edges = -mask.half_width_tan + 0.5 * mask.period_tan * np.arange(1, 2 * mask.stripes)
+    # On this plane 1/Z = (1 - x_c tan(tilt)) / z: x_p = x_c - b/Z is linear in x_c.
+    slope = 1.0 + rig.baseline_m * np.tan(tilt_x) / z
+    expected = (edges + rig.baseline_m / z) / slope * rig.camera.fx + rig.camera.cx
+    with np.errstate(invalid="ignore", divide="ignore"):
+        transmission = images[0] / images[1]
+    difference = transmission - 0.5
+    crossings = np.flatnonzero(difference[:-1] * difference[1:] < 0.0)
+    found = crossings + 0.5 + difference[crossings] / (difference[crossings] - difference[crossings + 1])
+    # Next to its border the pattern is not periodic, and the flat field ends; there edges shift with the blur.
+    sure = expected[2:-4][(expected[2:-4] > 2.0) & (expected[2:-4] < 254.0)]
+    assert len(sure) > 25
+    for edge in sure:
+        assert np.abs(found - edge).min() < 0.1  # px, as promised
+
+
+def test_contrast_is_that_of_the_real_scope_and_falls_with_distance(camera, make_plane):
+    contrast = [plane_contrast(camera, make_plane(z)) for z in (0.06, 0.07, 0.085, 0.1, 0.12, 0.14)]
+    assert contrast[1] == pytest.approx(0.58, abs=0.03)
+    assert contrast[3] == pytest.approx(0.44, abs=0.03)
+    assert (np.diff(contrast) < 0.0).all()
+    assert contrast[-1] > 0.25  # still stripes
+
+
+def test_scattering_under_the_surface_takes_contrast(camera, make_plane):
+    matte = plane_contrast(camera, make_plane(0.08))
+    tissue = plane_contrast(camera, make_plane(0.08, object_id=ObjectId.TISSUE))
+    assert 0.6 * matte < tissue < 0.95 * matte
+
+
+def brightest_stripe(camera, plane):
+    """Brightest of the stripes around the centre, as a fraction of full scale."""
+    camera.attach_geometry(plane)
+    profile = camera.capture(None, AT_ORIGIN, None).electrons[118:138, 78:178].mean(axis=0)
+    return profile.max() / camera.optics.full_well_electrons
+
+
+def test_exposure_suits_the_working_distances(camera, make_plane):
+    far, usual, near = (make_plane(z, object_id=ObjectId.TISSUE) for z in (0.14, 0.085, 0.06))
+    assert brightest_stripe(camera, far) > 0.1
+    assert 0.4 < brightest_stripe(camera, usual) < 0.6
+    camera.set_optics(replace(camera.optics, tissue=replace(camera.optics.tissue, reflectance=0.0)))
+    assert brightest_stripe(camera, near) < 1.0
+
+
+def test_moving_the_camera_along_a_plane_does_not_change_the_image(camera, make_plane):
+    camera.attach_geometry(make_plane(0.09))
+    images = []
+    for shift in (0.0, 0.0031, -0.0123):
+        pose = np.eye(4)
+        pose[:2, 3] = shift, 2.0 * shift
+        images.append(camera.capture(None, pose, None).electrons)
+    # Rounding in float32, over stripes with a slope of a tenth a pixel.
+    np.testing.assert_allclose(images[1], images[0], rtol=1e-3)
+    np.testing.assert_allclose(images[2], images[0], rtol=1e-3)
+
+
+def test_electrons_follow_distance_angle_and_albedo_in_closed_form(flat_camera, rig, make_plane):
+    optics = replace(WITHOUT_STRAY_LIGHT, led_exponent=2.0, vignetting_exponent=3.0)
+    flat_camera.set_optics(optics)
+    rays = rig.camera.rays
+    for z, tilt in ((0.06, 0.0), (0.12, 0.0), (0.1, 0.5)):
+        flat_camera.attach_geometry(make_plane(z, tilt_x=tilt, half=0.3))
+        electrons = flat_camera.capture(None, AT_ORIGIN, None).electrons
+        depth = z / (1.0 - rays[..., 0] * np.tan(tilt))
+        to_projector = np.array([rig.baseline_m, 0.0, 0.0]) - rays * depth[..., None]
+        distance = np.linalg.norm(to_projector, axis=-1)
+        normal = np.array([np.tan(tilt), 0.0, -1.0]) * np.cos(tilt)
+        irradiance = optics.axial_intensity_w_sr(flat_camera.rig.mask) * (depth / distance) ** 2 / distance**2
+        radiance = irradiance * (to_projector @ normal) / distance * optics.other.albedo / np.pi
+        expected = radiance * optics.electrons_per_radiance * np.linalg.norm(rays, axis=-1) ** -3.0
+        middle = np.s_[60:196, 60:196]  # away from the blurred borders of the mask
+        np.testing.assert_allclose(electrons[middle], expected[middle], rtol=1e-4)
+
+
+def test_specular_reflection_peaks_between_camera_and_projector(camera, make_plane):
+    camera.attach_geometry(make_plane(0.08, object_id=ObjectId.TISSUE))
+    electrons = camera.capture(None, AT_ORIGIN, None).electrons.astype(float)
+    dull = replace(camera.optics, tissue=replace(camera.optics.tissue, reflectance=0.0))
+    camera.set_optics(dull)
+    gloss = electrons - camera.capture(None, AT_ORIGIN, None).electrons
+    columns = gloss.sum(axis=0)
+    centre = (columns * (np.arange(256) + 0.5)).sum() / columns.sum()
+    # Half the baseline at 80 mm is 6.9 px; the stripes under the highlight pull its centre by a pixel or two.
+    assert centre == pytest.approx(128.0 + 6.9, abs=3.0)
+    assert (gloss >= -1e-3).all()
+
+
+def test_shadow_gets_only_stray_light(camera, rig, make_plane):
+    wall, plate = make_plane(0.1), make_plane(0.06, half=0.008)
+    scene = SceneGeometry(
+        points=np.concatenate([wall.points, plate.points]),
+        triangles=np.concatenate([wall.triangles, plate.triangles + 4]),
+        object_ids=ObjectId.OTHER,
+    )
+    camera.attach_geometry(scene)
+    capture = camera.capture(None, AT_ORIGIN, None)
+    shadow = ~capture.lit & (np.abs(capture.projector_x) < rig.mask.half_width_tan)
+    assert shadow.sum() > 200
+    camera.set_optics(WITHOUT_STRAY_LIGHT)
+    dark = camera.capture(None, AT_ORIGIN, None)
+    assert (dark.electrons[shadow] == 0.0).all()
+    lit = capture.lit & (capture.depth_mm > 99.0)
+    assert 0.0 < capture.electrons[shadow].mean() < 0.15 * capture.electrons[lit].mean()
+
+
+def test_noise_follows_the_photon_transfer_curve(flat_camera, make_plane):
+    optics = replace(WITHOUT_STRAY_LIGHT, read_noise_electrons=20.0, led_power_w=0.02)
+    flat_camera.set_optics(optics)
+    flat_camera.attach_geometry(make_plane(0.08))
+    rng = np.random.default_rng(11)
+    captures = [flat_camera.capture(None, AT_ORIGIN, rng) for _ in range(60)]
+    images = np.stack([c.image for c in captures]).astype(float)
+    mean = captures[0].electrons.astype(float)
+    electrons_per_level = optics.full_well_electrons / 255.0
+    variance = images.var(axis=0, ddof=1) * electrons_per_level**2
+    expected = mean + 20.0**2 + electrons_per_level**2 / 12.0
+    for low, high in ((300.0, 1000.0), (1000.0, 2000.0), (2000.0, 4000.0), (4000.0, 8000.0)):
+        band = (mean > low) & (mean < high)
+        assert band.sum() > 400
+        # 60 images of over 400 pixels leave a statistical error below 1 %.
+        assert variance[band].mean() == pytest.approx(expected[band].mean(), rel=0.03)
+        assert images[:, band].mean() * electrons_per_level == pytest.approx(mean[band].mean(), rel=0.005)
+
+
+def test_same_seed_gives_the_same_bits(camera, make_plane):
+    camera.attach_geometry(make_plane(0.08, tilt_y=0.3))
+    first, again, other = (camera.capture(None, AT_ORIGIN, np.random.default_rng(seed)).image for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).mean() > 0.1
+
+
+def test_image_without_noise_is_the_rounded_expectation(camera, make_plane):
+    camera.attach_geometry(make_plane(0.08))
+    capture = camera.capture(None, AT_ORIGIN, None)
+    levels = capture.electrons.astype(float) / camera.optics.full_well_electrons * 255.0
+    assert np.abs(np.clip(levels, 0.0, 255.0) - capture.image).max() < 0.501
+
+
+def test_too_much_light_saturates(camera, make_plane):
+    camera.set_optics(StripeOptics(led_power_w=1.0))
+    camera.attach_geometry(make_plane(0.06))
+    capture = camera.capture(None, AT_ORIGIN, np.random.default_rng(0))
+    assert (capture.image[100:156, 100:156] == 255).all()
+
+
+def test_a_projector_without_light_leaves_read_noise(camera, make_plane):
+    camera.set_optics(StripeOptics(led_power_w=0.0))
+    camera.attach_geometry(make_plane(0.06))
+    assert camera.capture(None, AT_ORIGIN, np.random.default_rng(0)).image.max() == 0
