@@ -38,16 +38,18 @@ def main(arguments: Sequence[str]) -> int:
         before = int(FrameStore.open(path).done().sum()) if path.exists() else 0
         render_training_frames(chosen.frames, path)
         store = FrameStore.open(path)
+        tissues = {name: len(np.unique(store.tissue_seed[store.split == number])) for number, name in enumerate(SPLITS)}
+        with_tool = int(store.tool_in_view.sum())
         results = {
             "frames": len(store),
             "frames_rendered_now": len(store) - before,
-            "frames_with_tool": int(store.tool_in_view.sum()),
-            "tissues": {name: len(np.unique(store.tissue_seed[store.split == number])) for number, name in enumerate(SPLITS)},
+            "frames_with_tool": with_tool,
+            "tissues": tissues,
         }
         folder.write_summary(results, config=chosen, seed=chosen.frames.seed)
     table = ResultTable(f"data set, seed {chosen.frames.seed}")
-    table.row("frames", str(results["frames"]), f"{results['frames_with_tool']} with the instrument in view")
-    for name, count in results["tissues"].items():
+    table.row("frames", str(len(store)), f"{with_tool} with the instrument in view")
+    for name, count in tissues.items():
         table.row(f"tissues, {name}", str(count))
     table.show(folder.path)
     return 0

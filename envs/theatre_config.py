@@ -3,15 +3,10 @@
 import math
 from dataclasses import dataclass, field
 
-import numpy as np
-from numpy.typing import NDArray
-
 from laploop.assets.phantom import TissueConfig
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.envs.base_motion import BaseMotion
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +22,17 @@ class TheatreLayout:
     camera_base_x_m: float = -0.55
     tool_base_x_m: float = 0.75
     """Both bases stand on the table top; the tool's shaft leans away from the scope, which puts its flange farther out."""
+
+    def __post_init__(self) -> None:
+        """Check that the shafts can pass the wall.
+
+        Raises:
+            InvalidValueError: If the wall is not well above the scope's tip, or the trocars would touch.
+        """
+        if not 0.12 <= self.scope_tip_z_m <= self.wall_z_m - 0.03:
+            raise InvalidValueError("scope_tip_z_m", self.scope_tip_z_m, "0.12 m to 0.03 m below wall_z_m")
+        if not self.tool_trocar_x_m >= 0.03:
+            raise InvalidValueError("tool_trocar_x_m", self.tool_trocar_x_m, "at least 0.03 m from the scope's")
 
 
 @dataclass(frozen=True, kw_only=True)

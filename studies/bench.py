@@ -244,7 +244,7 @@ def _recorder_times(env: ReachEnv, capture: StripeCapture, calls: int) -> list[f
         recorder.begin(theatre, env.loop.rig)
         for index in range(calls):
             now_ns = index * rates.camera_ns
-            times = {"index": index, "captured_ns": now_ns, "available_ns": now_ns, "world_from_camera": pose}
+            times: dict[str, Any] = {"index": index, "captured_ns": now_ns, "available_ns": now_ns, "world_from_camera": pose}
             frame = FrameRecord(
                 now_ns=now_ns,
                 frame=StripeFrame(image=capture.image, **times),

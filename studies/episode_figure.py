@@ -2,27 +2,24 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Colormap
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.figure import SubFigure
 from numpy.typing import NDArray
 
 from laploop.envs.episode_log import EpisodeLog
+from laploop.envs.reach_env import ReachConfig
 from laploop.envs.recorder import DepthRecord
+from laploop.studies.figure_style import BLUE, GREY, ORANGE, RED, draw_grid, draw_limit, figure_page
 
-SUCCESS_RADIUS_MM = 1.5
+SUCCESS_RADIUS_MM = ReachConfig.success_radius_m * 1e3
 """Drawn in the plot of the target error."""
 
 _ROWS = {1: ("only",), 2: ("start", "end"), 3: ("start", "middle", "end")}
 _COLUMNS = ("Stripes", "Depth (estimated)", "Depth (truth)", "Error (estimate - truth)")
-_STYLE = {"font.size": 9, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False}
-_BLUE, _ORANGE, _RED, _GREY = "#0072B2", "#E69F00", "#D55E00", "#666666"
 _NOTHING = "#d9d9d9"
 
 
@@ -38,17 +35,12 @@ def draw_episode(log: EpisodeLog, summary: Mapping[str, Any], path: Path | str) 
         path: Where to write.
     """
     records = log.key_depths()
-    with mpl.rc_context(_STYLE):
-        figure = Figure(
-            figsize=(11.0, 2.55 * max(len(records), 1) + 4.2), dpi=130, layout=ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.05)
-        )
-        FigureCanvasAgg(figure)
-        images, plots = figure.subfigures(2, 1, height_ratios=[2.5 * max(len(records), 1), 3.8])
-        figure.suptitle(_title(summary), fontsize=12, fontweight="bold")
+    height_in = 2.55 * max(len(records), 1) + 4.2
+    with figure_page(path, title=_title(summary), width_in=11.0, height_in=height_in) as figure:
+        images, plots = cast("list[SubFigure]", figure.subfigures(2, 1, height_ratios=[height_in - 4.25, 3.8]))
         if records:
             _draw_images(images, records)
         _draw_plots(plots, log)
-        figure.savefig(path, format="png")
 
 
 def _title(summary: Mapping[str, Any]) -> str:
@@ -63,8 +55,11 @@ def _title(summary: Mapping[str, Any]) -> str:
     return f"{summary['task']}  |  {summary['perception']}  |  {motion}  |  seed {summary['seed']}  |  {outcome}"
 
 
-def _draw_images(figure: Any, records: Sequence[DepthRecord]) -> None:
+def _draw_images(figure: SubFigure, records: Sequence[DepthRecord]) -> None:
     axes = figure.subplots(len(records), 4, squeeze=False)
+    # Tissue fills the scale of grey; what shines brighter, as the instrument does, is shown white.
+    shown = np.concatenate([record.stripes[record.tissue] for record in records])
+    white = float(np.clip(np.percentile(shown, 99.8), 32.0, 255.0)) if shown.size else 255.0
     truths = np.concatenate([record.exact_depth_mm[record.tissue] for record in records])
     truths = truths[np.isfinite(truths)]
     near, far = np.percentile(truths, [0.5, 99.5]) if truths.size else (50.0, 150.0)
@@ -75,7 +70,8 @@ def _draw_images(figure: Any, records: Sequence[DepthRecord]) -> None:
     depth_colors, error_colors = _colors("viridis"), _colors("RdBu")
     for row, (record, error, when) in enumerate(zip(records, errors, _ROWS[len(records)], strict=True)):
         estimate = np.where(record.depth.estimate.valid, record.depth.estimate.depth_mm, np.nan)
-        axes[row, 0].imshow(record.stripes, cmap="gray", vmin=0, vmax=255)
+        axes[row, 0].imshow(record.stripes, cmap="gray", vmin=0, vmax=white)
+        axes[row, 0].set_xlabel(f"white: grey value {white:.0f} of 255")
         axes[row, 1].imshow(estimate, cmap=depth_colors, vmin=near, vmax=far)
         depth = axes[row, 2].imshow(record.exact_depth_mm, cmap=depth_colors, vmin=near, vmax=far)
         difference = axes[row, 3].imshow(error, cmap=error_colors, vmin=-limit, vmax=limit)
@@ -99,28 +95,28 @@ def _colors(name: str) -> Colormap:
     return mpl.colormaps[name].with_extremes(bad=_NOTHING)
 
 
-def _draw_plots(figure: Any, log: EpisodeLog) -> None:
+def _draw_plots(figure: SubFigure, log: EpisodeLog) -> None:
     target, force, rcm = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 1.4])
     times = log.times_s()
     error = log.series("target_error_mm")
-    target.axhline(SUCCESS_RADIUS_MM, color=_GREY, linewidth=0.8, linestyle="--")
+    draw_limit(target, SUCCESS_RADIUS_MM)
     target.annotate(
-        f"{SUCCESS_RADIUS_MM} mm",
+        f"{SUCCESS_RADIUS_MM:g} mm",
         (1.0, SUCCESS_RADIUS_MM),
         xycoords=("axes fraction", "data"),
         ha="right",
         va="bottom",
-        color=_GREY,
+        color=GREY,
     )
-    target.plot(times, error, color=_BLUE, linewidth=1.6)
+    target.plot(times, error, color=BLUE, linewidth=1.6)
     if np.nanmax(error, initial=0.0) > 0.0:
         target.set_yscale("log")
         target.yaxis.set_major_formatter(mpl.ticker.FormatStrFormatter("%g"))
     target.set_ylabel("target error [mm]")
-    force.plot(times, log.series("contact_force_n"), color=_RED, linewidth=1.2)
+    force.plot(times, log.series("contact_force_n"), color=RED, linewidth=1.2)
     force.set_ylabel("contact\nforce [N]")
     force.set_ylim(0.0, _room(log.series("contact_force_n"), least=0.1))
-    for arm, color in (("camera", _ORANGE), ("tool", _BLUE)):
+    for arm, color in (("camera", ORANGE), ("tool", BLUE)):
         rcm.plot(times, log.series(f"rcm_error_mm/{arm}"), color=color, linewidth=0.9, label=f"{arm} arm")
     rcm.set_ylabel("trocar\nerror [mm]")
     both = np.concatenate([log.series("rcm_error_mm/camera"), log.series("rcm_error_mm/tool")])
@@ -128,14 +124,10 @@ def _draw_plots(figure: Any, log: EpisodeLog) -> None:
     rcm.legend(loc="lower right", bbox_to_anchor=(1.0, 0.95), frameon=False, ncols=2, borderaxespad=0.0)
     rcm.set_xlabel("simulated time [s]")
     for axis in (target, force, rcm):
-        _finish(axis)
+        draw_grid(axis)
+        axis.margins(x=0.01)
     figure.align_ylabels([target, force, rcm])
 
 
 def _room(values: NDArray[np.float64], least: float) -> float:
     return max(1.15 * float(np.nanmax(values, initial=0.0)), least)
-
-
-def _finish(axis: Axes) -> None:
-    axis.grid(visible=True, color="#e6e6e6", linewidth=0.6)
-    axis.margins(x=0.01)

@@ -8,7 +8,7 @@ from laploop.assets.scope_optics import ScopeOptics
 from laploop.control.robot import ArmModel
 from laploop.envs.base_motion import BaseMotion
 from laploop.envs.theatre import Theatre
-from laploop.envs.theatre_config import TheatreConfig
+from laploop.envs.theatre_config import TheatreConfig, TheatreLayout
 from laploop.errors import InvalidValueError, SimulationError
 
 
@@ -150,6 +150,13 @@ def test_targets_that_are_not_six_finite_numbers_are_refused(theatre):
 def test_impossible_configs_are_refused(field, value):
     with pytest.raises(InvalidValueError, match=field):
         TheatreConfig(**{"seed": 0, field: value})
+
+
+def test_impossible_layouts_are_refused():
+    with pytest.raises(InvalidValueError, match="scope_tip_z_m"):
+        TheatreLayout(wall_z_m=0.2)
+    with pytest.raises(InvalidValueError, match="tool_trocar_x_m"):
+        TheatreLayout(tool_trocar_x_m=0.0)
 
 
 def test_arms_know_their_own_numbers(theatre):
