@@ -13,7 +13,7 @@ from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
 from laploop.envs.episode import EpisodeConfig, run_episode
 from laploop.envs.episode_log import EpisodeLog
-from laploop.envs.recorder import CompositeRecorder, Recorder
+from laploop.envs.recorder import STAGES, CompositeRecorder, Recorder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +56,6 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _show(summary: Mapping[str, Any], folder: Path, *, recorded: bool) -> None:
-    stages = summary["stage_ms"]
     table = ResultTable(f"{summary['task']}, {summary['perception']}, {summary['motion']}, seed {summary['seed']}")
     table.row("outcome", "success" if summary["success"] else f"no success: ended by {summary['terminated_by']}")
     table.row("target error", summary["target_error_mm"]["final"], "mm, at the end")
@@ -68,6 +67,6 @@ def _show(summary: Mapping[str, Any], folder: Path, *, recorded: bool) -> None:
     table.row("age of depth", summary["depth_age_ms"]["mean"], "ms, mean")
     table.row("simulated", summary["sim_s"], f"s, {summary['frames']} frames")
     table.row("real-time factor", summary["real_time_factor"], "with recording" if recorded else "")
-    for stage, milliseconds in stages.items():
-        table.row(f"{stage} time", milliseconds, "ms, median")
+    for stage in STAGES:
+        table.row(f"{stage} time", summary["stage_ms"].get(stage), "ms, median")
     table.show(folder)

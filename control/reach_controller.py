@@ -129,7 +129,9 @@ class ReachController:
         self._attempts = 0
 
     def command(self, state: ControlInput) -> Array:
-        """Return the desired tip velocity (3,) in m/s in the camera's frame."""
+        """Return the desired tip velocity (3,) in m/s in the camera's frame; zero while a reading is not finite."""
+        if not (math.isfinite(state.contact_force_n) and np.isfinite(state.tip_in_camera).all()):
+            return np.zeros(3)
         elapsed = 0.0 if self._last_ns is None else (state.now_ns - self._last_ns) * 1e-9
         self._last_ns = state.now_ns
         self._target = self._targeting.update(state)

@@ -5,6 +5,7 @@ import io
 import json
 import math
 import os
+import signal
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.envs.episode import EpisodeConfig, run_episode
-from laploop.errors import InfeasibleError, InvalidValueError, OutputError, SimulationError
+from laploop.errors import InfeasibleError, InvalidValueError, LaploopError, OutputError, SimulationError
 
 Row = dict[str, Any]
 
@@ -214,22 +215,34 @@ def _run_all(
         return
     threads = max(1, (os.cpu_count() or 1) // workers)
     # Spawned, not forked: neither torch's threads nor Warp's kernels survive a fork.
-    pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_limit_threads, initargs=(threads,))
+    pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_prepare_worker, initargs=(threads,))
     try:
-        futures = {pool.submit(run, episode): episode for episode in episodes}
+        futures = {pool.submit(_run_in_worker, run, episode): episode for episode in episodes}
         for future in as_completed(futures):
-            yield futures[future], future.result()
+            outcome = future.result()
+            if isinstance(outcome, str):
+                raise LaploopError(outcome)
+            yield futures[future], outcome
     except BrokenProcessPool as error:
         raise SimulationError("a worker process died; the rows that were finished are kept, run again to go on") from error
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _limit_threads(threads: int) -> None:
-    """Share the cores among the workers."""
+def _prepare_worker(threads: int) -> None:
+    """Share the cores among the workers, and let Ctrl-C end them without a word: the main process has one."""
     import torch  # slow to import
 
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     torch.set_num_threads(threads)
+
+
+def _run_in_worker(run: Callable[[EpisodeConfig], Row], episode: EpisodeConfig) -> Row | str:
+    """Return the row, or the message of an error that every episode would meet: errors do not survive the way back."""
+    try:
+        return run(episode)
+    except LaploopError as error:
+        return str(error)
 
 
 def _row_path(folder: Path, episode: EpisodeConfig) -> Path:

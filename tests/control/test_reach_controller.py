@@ -242,6 +242,14 @@ def test_dead_force_sensor_ends_the_search_a_little_below_the_surface(simulation
     assert 0.0025 < depth_reached < 0.004  # metres; the search ends after 3 mm
 
 
+def test_force_that_is_not_a_number_stops_the_tip_until_it_is_one_again(simulation):
+    simulation.extra_force = lambda time_s: np.nan if 1.0 < time_s < 1.5 else 0.0
+    outcome = simulation.run(4.0)
+    assert not np.any(outcome.commands[126:187])  # 1.0 s to 1.5 s
+    assert outcome.solved_s is not None
+    assert np.nanmax(outcome.forces) < 0.3  # newtons
+
+
 def test_commands_never_exceed_the_speed_limit(simulation):
     outcome = simulation.run(3.0, breathing_and_beating)
     assert np.linalg.norm(outcome.commands, axis=1).max() <= ReachControllerConfig().max_speed_mps * (1.0 + 1e-9)

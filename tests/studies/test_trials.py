@@ -7,7 +7,7 @@ import pytest
 
 from laploop.cli.main import main
 from laploop.envs.episode import EpisodeConfig
-from laploop.errors import InvalidValueError, SimulationError
+from laploop.errors import InvalidValueError, LaploopError, MissingFileError, SimulationError
 from laploop.studies import trials
 from laploop.studies.trials import COLUMNS, TrialsConfig, as_csv, as_markdown, run_trials, summarise, wilson_interval
 from laploop.studies.trials_figure import draw_trials
@@ -37,11 +37,11 @@ class DyingPool:
     def __init__(self, *_arguments, **_options):
         self.jobs = 0
 
-    def submit(self, run, episode):
+    def submit(self, work, run, episode):
         self.jobs += 1
         future = Future()
         if self.jobs == 1:
-            future.set_result(run(episode))
+            future.set_result(work(run, episode))
         else:
             future.set_exception(BrokenProcessPool())
         return future
@@ -117,6 +117,18 @@ def test_worker_that_dies_is_reported_and_what_was_finished_is_kept(tmp_path, mo
     alone = replace(config, workers=1)
     assert len(run_trials(alone, tmp_path, run=lambda episode: seen.append(episode.seed) or row_for(episode))) == 2
     assert seen == [1]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_error_that_every_episode_would_meet_stops_the_trials(tmp_path, monkeypatch, workers):
+    def without_weights(_episode):
+        raise MissingFileError("weights", "compact.safetensors", "train them")
+
+    monkeypatch.setattr(trials, "ProcessPoolExecutor", DyingPool)
+    monkeypatch.setattr(trials, "as_completed", list)
+    config = TrialsConfig(episode=EPISODE, seeds=2, workers=workers)
+    with pytest.raises(LaploopError, match="weights not found at compact"):
+        run_trials(config, tmp_path, run=without_weights)
 
 
 def test_damaged_row_is_named(tmp_path):
