@@ -5,13 +5,14 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 SEED ?= 0
 
-.PHONY: demo test test-slow lint types floors pytest examples bench clean help
+.PHONY: demo test test-slow lint types floors pytest bench results clean help
 
 help:
 	@echo "make demo       run the closed loop on breathing tissue; results in runs/demo"
 	@echo "make test       everything that gates a change"
 	@echo "make test-slow  the long tests too"
 	@echo "make bench      measure every stage; results in runs/bench"
+	@echo "make results    measure the numbers of the README anew"
 
 $(STAMP): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "laploop needs Python 3.11 or newer; this is " + sys.version.split()[0] + " (choose another with make PYTHON=...)")'
@@ -43,6 +44,20 @@ test-slow: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/laploop bench --out runs/bench
+
+# The numbers of the README, measured anew: hours on two cores with the data set, minutes without it.
+RESULTS := docs/results
+FRAMES ?= runs/frames
+
+results: $(STAMP)
+	mkdir -p $(RESULTS)
+	for estimator in oracle phase compact; do for motion in still breathing; do \
+	  $(BIN)/laploop trials --perception $$estimator --motion $$motion --seeds 30 --workers 2 --out runs/trials-$$estimator-$$motion \
+	  && cp runs/trials-$$estimator-$$motion/summary.json $(RESULTS)/trials-$$estimator-$$motion.json || exit 1; done; done
+	$(BIN)/laploop synthesize --out $(FRAMES)
+	$(BIN)/laploop evaluate --dataset $(FRAMES) --out runs/depth && cp runs/depth/summary.json $(RESULTS)/depth.json
+	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
+	$(BIN)/python -P -m laploop.studies.results_page $(RESULTS) README.md
 
 clean:
 	rm -rf $(VENV) runs .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

@@ -3,6 +3,7 @@
 Only the subcommand that was asked for is imported, so that `laploop --help` is quick.
 """
 
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -59,6 +60,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if name not in COMMANDS:
             raise UnknownNameError("command", name, COMMANDS)
         signal.signal(signal.SIGTERM, _interrupt)
+        # The loop's matrices are small: OpenBLAS's threads gain nothing on them, and where the cores are busy they wait for
+        # each other so long that a product takes ten times as long. Must be set before numpy is imported.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         status: int = import_module(COMMANDS[name].module).main(rest)
     except LaploopError as error:
         sys.stderr.write(f"laploop{f' {name}' if name in COMMANDS else ''}: {error}\n")

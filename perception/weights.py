@@ -47,6 +47,7 @@ def save_weights(
         raise OutputError(f"cannot write weights to {path}: {error}") from error
     try:
         save_file({name: tensor.detach().contiguous() for name, tensor in tensors.items()}, partial, metadata=metadata)
+        partial.chmod(0o644)
         partial.replace(path)
     except (OSError, SafetensorError) as error:
         partial.unlink(missing_ok=True)

@@ -73,6 +73,7 @@ class DepthTable:
     """What an evaluation found."""
 
     dataset: str
+    config: DepthEvaluation
     tissues: int
     frames: int
     rows: tuple[DepthRow, ...]
@@ -139,6 +140,7 @@ def evaluate_depth(
             bar.update(task, advance=1)
     table = DepthTable(
         dataset=dataset.name,
+        config=chosen,
         tissues=len(np.unique(store.tissue_seed[indices])),
         frames=len(indices),
         rows=tuple(row for name, counter in counters.items() for row in counter.rows(name)),
@@ -217,6 +219,8 @@ def write_table(table: DepthTable, out: Path) -> None:
     writer.writerows(rows)
     plain = {
         "dataset": table.dataset,
+        "split": table.config.split,
+        "pixels_mm": [table.config.nearest_mm, table.config.farthest_mm],
         "tissues": table.tissues,
         "frames": table.frames,
         "median_ms": table.median_ms,

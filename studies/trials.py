@@ -91,7 +91,6 @@ def run_trials(
     """
     run = run or run_trial
     folder = out / ROWS_FOLDER
-    folder.mkdir(exist_ok=True)
     rows = {episode.seed: row for episode in config.episodes() if (row := _kept_row(folder, episode)) is not None}
     missing = [episode for episode in config.episodes() if episode.seed not in rows]
     if progress is not None:
@@ -267,6 +266,7 @@ def _keep_row(folder: Path, episode: EpisodeConfig, row: Row) -> None:
     partial = path.with_suffix(".partial")
     kept = {"version": version("laploop"), "episode": asdict(episode), "row": row}
     try:
+        folder.mkdir(exist_ok=True)
         partial.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
         partial.replace(path)
     except OSError as error:

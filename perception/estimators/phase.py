@@ -23,16 +23,19 @@ class PhaseConfig:
     window_periods: float = 0.6
     """Standard deviation of the Gaussian window along the stripes' x, in periods: about one is a fair default, less keeps
     slopes and edges sharp, more averages noise."""
-    support_px: float = 2.0
+    support_px: float = 3.0
     """Standard deviation of the averaging across rows."""
-    min_amplitude: float = 4.0
+    min_amplitude: float = 3.0
     """Least amplitude of the stripes, in grey values, above the camera's noise."""
     min_contrast: float = 0.12
     """Least amplitude relative to the local mean."""
-    max_residual: float = 0.5
+    max_residual: float = 0.6
     """Largest misfit of the fitted wave, root mean square relative to its amplitude."""
-    max_slope_turns: float = 0.015
-    """Largest step of phase between neighbouring pixels: 1.7 mm at 100 mm."""
+    max_misfit_mm: float = 10.0
+    """Largest misfit when it is read as an error of phase of a single pixel and triangulated; averaging over the window makes
+    the estimate some ten times better. It grows with the square of depth, as the estimate's own error does."""
+    max_slope_mm: float = 1.0
+    """Largest step of depth between neighbouring pixels."""
     margin_periods: float = 0.8
     """What is nearer to the left or right end of the image or of the lit field is invalid: the window hangs over."""
     saturated: int = 253
@@ -46,7 +49,7 @@ class PhaseConfig:
         """
         if not 0.0 < self.nearest_mm < self.farthest_mm:
             raise InvalidValueError("nearest_mm and farthest_mm", (self.nearest_mm, self.farthest_mm), "0 < nearest < farthest")
-        for name in ("window_periods", "support_px", "max_residual", "max_slope_turns"):
+        for name in ("window_periods", "support_px", "max_residual", "max_misfit_mm", "max_slope_mm"):
             if not getattr(self, name) > 0.0:
                 raise InvalidValueError(name, getattr(self, name), "above 0")
         if not self.margin_periods >= 0.0:
@@ -122,14 +125,16 @@ class PhaseEstimator:
         seen = self.demodulate(image)
         farthest_turns = self._carrier.turns_metre / (1e-3 * config.nearest_mm) - 1.0
         turns = farthest_turns + np.mod(seen.fraction - farthest_turns, 1.0)
-        depth_mm = np.float32(1e3) * self._carrier.turns_metre / np.maximum(turns, 1e-3)
+        depth_mm = 1e3 * self._carrier.turns_metre / np.maximum(turns, 1e-3)
+        mm_per_turn = 1e-3 * depth_mm**2 / self._carrier.turns_metre
         valid = (
             (seen.amplitude >= config.min_amplitude)
             & (seen.contrast >= config.min_contrast)
             & (seen.residual <= config.max_residual)
             & (depth_mm <= config.farthest_mm)
             & (image < config.saturated)
-            & (_steepest_step(turns) <= config.max_slope_turns)
+            & (seen.residual * mm_per_turn <= 2.0 * np.pi * config.max_misfit_mm)
+            & (_steepest_step(turns) * mm_per_turn <= config.max_slope_mm)
             & self._window_inside(turns)
         )
         return DepthEstimate(depth_mm=depth_mm.astype(np.float32), valid=valid)

@@ -1,0 +1,118 @@
+"""The results block of the README, made from the committed summaries of the commands that measured them.
+
+`python -P -m laploop.studies.results_page docs/results README.md` rewrites the block; a test checks that it is up to date.
+"""
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from laploop.errors import InvalidValueError, MissingFileError, OutputError
+
+BEGIN = "<!-- results: begin -->"
+END = "<!-- results: end -->"
+
+TRIALS = ("oracle-still", "oracle-breathing", "compact-still", "compact-breathing", "phase-still", "phase-breathing")
+"""Closed-loop studies, in the order of the table: estimator and motion; those without a file are left out."""
+
+
+def results_markdown(folder: Path) -> str:
+    """Return the block for the summaries in `folder`.
+
+    Raises:
+        MissingFileError: If the folder lacks the depth evaluation or the bench.
+    """
+    trials = [_read(path) for name in TRIALS if (path := folder / f"trials-{name}.json").is_file()]
+    depth, bench = _read(folder / "depth.json"), _read(folder / "bench.json")
+    return "\n\n".join([_trials_table(trials), _depth_table(depth), _bench_table(bench)])
+
+
+def with_results(readme: str, block: str) -> str:
+    """Return the text of the README with its results block replaced.
+
+    Raises:
+        InvalidValueError: If the markers of the block are missing.
+    """
+    if readme.count(BEGIN) != 1 or readme.count(END) != 1:
+        raise InvalidValueError("README", "markers missing", f"one {BEGIN} and one {END}")
+    before, rest = readme.split(BEGIN)
+    _, after = rest.split(END)
+    return f"{before}{BEGIN}\n{block}\n{END}{after}"
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Rewrite the block: `arguments` are the folder of results and the README."""
+    folder, readme = (Path(argument) for argument in arguments)
+    text = with_results(readme.read_text(encoding="utf-8"), results_markdown(folder))
+    partial = readme.with_suffix(".partial")
+    try:
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(readme)
+    except OSError as error:
+        raise OutputError(f"cannot write {readme}: {error.strerror}") from error
+
+
+def _trials_table(summaries: Sequence[Mapping[str, Any]]) -> str:
+    lines = [
+        "Closed loop: touch a chosen point, one tissue a seed, 40 ms of perception latency. The error is the distance from an",
+        "ideal touch at the end of the episode; force and trocar error are the worst of all physics steps of all episodes.",
+        "",
+        "| estimator | tissue | episodes | success | error mean | error worst | force worst | trocar error worst |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for summary in summaries:
+        episode = summary["config"]["trials"]["episode"]
+        error, rcm = summary["final_error_mm"], summary["rcm_error_mm"]
+        lines.append(
+            f"| `{episode['perception']}` | {episode['motion']} | {summary['episodes']} | "
+            f"{100 * summary['success_rate']:.0f} % | {error['mean']:.2f} mm | {error['max']:.2f} mm | {summary['contact_force_n']['max']:.2f} N | "
+            f"{max(rcm.values()):.3f} mm |"
+        )
+    return "\n".join(lines)
+
+
+def _depth_table(summary: Mapping[str, Any]) -> str:
+    rows = [row for row in summary["rows"] if row["working_distance_mm"] == "all"]
+    lines = [
+        f"Depth of {summary['frames']} frames of {summary['tissues']} tissues that no training saw, 60 to 140 mm, against",
+        "exact truth; first over the pixels that the estimator stands by, then over all.",
+        "",
+        "| estimator | valid pixels | MAE | AbsRel | within 10 % | MAE, all pixels |",
+        "|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| `{row['estimator']}` | {100 * row['valid_share']:.1f} % | {row['mae_mm']:.2f} mm | {row['abs_rel']:.4f} | "
+        f"{100 * row['acc_1_1']:.2f} % | {row['all_mae_mm']:.2f} mm |"
+        for row in rows
+    ]
+    return "\n".join(lines)
+
+
+def _bench_table(summary: Mapping[str, Any]) -> str:
+    machine, factor = summary["machine"], summary["loop"]["real_time_factor"]
+    lines = [
+        f"Time of each stage on {machine['usable_cores']} cores ({machine['cpu']}): median, 5th to 95th percentile.",
+        f"The whole loop runs at {factor['median']:.2f} of real time without recording.",
+        "",
+        "| stage | median | 5-95 % | asked |",
+        "|---|---|---|---|",
+    ]
+    for stage in summary["stages"]:
+        limit = "" if stage["limit_ms"] is None else f"{stage['limit_ms']:g} ms"
+        lines.append(
+            f"| {stage['name']} | {stage['p50_ms']:.2f} ms | {stage['p5_ms']:.2f}-{stage['p95_ms']:.2f} ms | {limit} |"
+        )
+    return "\n".join(lines)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    if not path.is_file():
+        raise MissingFileError("summary", path, "run `make results`")
+    summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return summary
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

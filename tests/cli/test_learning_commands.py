@@ -1,0 +1,86 @@
+import json
+
+import pytest
+
+from laploop.cli.main import main
+
+SMALL = ["--train-tissues", "1", "--val-tissues", "1", "--test-tissues", "1", "--frames-per-tissue", "2", "--workers", "1"]
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory):
+    out = tmp_path_factory.mktemp("data") / "out"
+    assert main(["synthesize", *SMALL, "--seed", "7", "--out", str(out)]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def trained(dataset, tmp_path_factory):
+    out = tmp_path_factory.mktemp("training") / "out"
+    assert main(["train", "--dataset", str(dataset), "--epochs", "1", "--batch", "2", "--out", str(out)]) == 0
+    return out
+
+
+def summary_of(folder):
+    return json.loads((folder / "summary.json").read_text())
+
+
+def test_synthesize_leaves_a_data_set_and_a_summary(dataset):
+    summary = summary_of(dataset)
+    assert (summary["command"], summary["seed"], summary["frames"]) == ("synthesize", 7, 6)
+    assert summary["tissues"] == {"train": 1, "val": 1, "test": 1}
+    assert (dataset / "frames.zarr").is_dir()
+
+
+def test_synthesize_does_not_render_again_what_is_there(dataset):
+    assert main(["synthesize", *SMALL, "--seed", "7", "--out", str(dataset)]) == 0
+    assert summary_of(dataset)["frames_rendered_now"] == 0
+
+
+def test_synthesize_refuses_a_folder_with_other_frames(dataset, capsys):
+    assert main(["synthesize", *SMALL, "--seed", "8", "--out", str(dataset)]) == 2
+    assert "another configuration" in capsys.readouterr().err
+
+
+def test_train_leaves_weights_log_and_summary(trained):
+    assert {"compact.safetensors", "log.csv", "summary.json"} <= {path.name for path in trained.iterdir()}
+    assert summary_of(trained)["epoch"] == 1
+
+
+def test_train_does_not_overwrite_a_training_unasked(dataset, trained, capsys):
+    before = summary_of(trained)
+    assert main(["train", "--dataset", str(dataset), "--epochs", "2", "--out", str(trained)]) == 2
+    assert "pass --resume" in capsys.readouterr().err
+    assert summary_of(trained) == before
+
+
+def test_train_resumes(dataset, trained):
+    assert main(["train", "--dataset", str(dataset), "--epochs", "2", "--batch", "2", "--resume", "--out", str(trained)]) == 0
+    assert summary_of(trained)["epoch"] == 2
+
+
+def test_evaluate_tabulates_every_estimator(dataset, trained, tmp_path):
+    weights = ["--weights", str(trained / "compact.safetensors")]
+    arguments = ["evaluate", "--dataset", str(dataset / "frames.zarr"), "--estimators", "oracle", "phase", "compact", *weights]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"depth.csv", "depth.json", "depth.md", "summary.json"}
+    summary = summary_of(tmp_path / "out")
+    overall = {row["estimator"]: row for row in summary["rows"] if row["working_distance_mm"] == "all"}
+    assert overall.keys() == {"oracle", "phase", "compact"}
+    assert overall["oracle"]["mae_mm"] == 0.0
+    assert (summary["tissues"], summary["frames"]) == (1, 2)
+
+
+@pytest.mark.parametrize("command", ["train", "evaluate"])
+def test_missing_data_set_is_named_with_what_makes_one(tmp_path, capsys, command):
+    assert main([command, "--dataset", str(tmp_path / "nothing"), "--out", str(tmp_path / "out")]) == 2
+    assert "laploop synthesize" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_weights_that_are_not_weights_are_refused(dataset, tmp_path, capsys):
+    (tmp_path / "weights").write_text("not weights")
+    arguments = ["evaluate", "--dataset", str(dataset), "--estimators", "compact", "--weights", str(tmp_path / "weights")]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 2
+    assert str(tmp_path / "weights") in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
