@@ -156,7 +156,6 @@ class ClosedLoop:
             self.max_force_n = max(self.max_force_n, force)
             self._capture_if_due()
             served += self._deliver()
-        self.timer.complete("record")
         return served
 
     @property
@@ -197,6 +196,8 @@ class ClosedLoop:
         now_ns = self.now_ns
         if now_ns % self.config.rates.camera_ns:
             return
+        # Recording costs most when frames come, so that a sample of it is a whole camera period.
+        self.timer.complete("record")
         with self.timer.measure("render"):
             world_from_camera = self.theatre.world_from_camera()
             truth = self._camera.capture(self.theatre.data, world_from_camera, self._noise_rng)

@@ -26,12 +26,17 @@ class EpisodeConfig:
     """What to run, in words and numbers that a command line can give."""
 
     task: str = "reach"
+    """What to do: reach (touch a point that was chosen in the first frame)."""
     perception: str = "compact"
+    """Depth estimator: compact (network), phase (classical demodulation), oracle (exact depth)."""
     motion: str = "still"
+    """How the tissue moves: still, breathing (10 mm, 0.25 Hz), beating (1 mm, 1.2 Hz), or both."""
     seed: int = 0
+    """Decides the tissue, the target and all noise."""
     seconds: float = 10.0
     """Simulated time after which the episode ends unsolved."""
     perception_latency_ns: int = 40_000_000
+    """From the capture of a frame to the arrival of its depth, in nanoseconds of simulated time."""
 
     def __post_init__(self) -> None:
         """Check names and ranges.

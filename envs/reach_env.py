@@ -334,10 +334,9 @@ class ReachEnv(gym.Env[dict[str, Any], NDArray[np.float32]]):
                     rcm_error_mm=info["rcm_error_mm"],
                     contact_force_n=info["contact_force_n"],
                     depth_age_ms=info["depth_age_ms"],
-                    stage_ms=self.loop.timer.last_ms(),
+                    stage_ms=self.loop.timer.lap_ms(),
                 )
             )
-        self.loop.timer.complete("record")
 
 
 def _depth_quality(served: ServedFrame) -> tuple[float, float]:

@@ -76,7 +76,7 @@ def episode_blueprint(look_at: NDArray[np.float64]) -> rrb.Blueprint:
         origin="world",
         contents=["+ /world/**", "- /world/surface/**"],
         eye_controls=rrb.EyeControls3D(
-            position=np.add(look_at, (0.24, -1.16, 0.62)), look_target=np.add(look_at, (0.07, 0.0, 0.2))
+            position=np.add(look_at, (0.2, -1.08, 0.46)), look_target=np.add(look_at, (0.07, 0.0, 0.25))
         ),
         line_grid=False,
     )

@@ -15,6 +15,7 @@ class StageTimer:
         """Start without samples."""
         self._samples_s: dict[str, list[float]] = defaultdict(list)
         self._parts_s: dict[str, float] = defaultdict(float)
+        self._lap_s: dict[str, float] = defaultdict(float)
 
     @contextmanager
     def measure(self, stage: str) -> Iterator[None]:
@@ -23,20 +24,25 @@ class StageTimer:
         try:
             yield
         finally:
-            self._parts_s[stage] += time.perf_counter() - begin
+            seconds = time.perf_counter() - begin
+            self._parts_s[stage] += seconds
+            self._lap_s[stage] += seconds
 
     def complete(self, stage: str) -> None:
         """Close the stage's running sample, if any part of it was measured."""
         if stage in self._parts_s:
-            self.add(stage, self._parts_s.pop(stage))
+            self._samples_s[stage].append(self._parts_s.pop(stage))
 
     def add(self, stage: str, seconds: float) -> None:
-        """Add a whole sample."""
+        """Add a whole sample that was measured elsewhere."""
         self._samples_s[stage].append(seconds)
+        self._lap_s[stage] += seconds
 
-    def last_ms(self) -> dict[str, float]:
-        """Return the newest sample of each stage in milliseconds."""
-        return {stage: samples[-1] * 1e3 for stage, samples in self._samples_s.items()}
+    def lap_ms(self) -> dict[str, float]:
+        """Return the milliseconds that each stage took since the last call; stages that did not run are absent."""
+        lap = {stage: seconds * 1e3 for stage, seconds in self._lap_s.items()}
+        self._lap_s.clear()
+        return lap
 
     def median_ms(self) -> dict[str, float]:
         """Return the median of each stage in milliseconds."""

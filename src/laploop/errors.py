@@ -9,7 +9,17 @@ from pathlib import Path
 
 
 class LaploopError(Exception):
-    """Base of every error raised on purpose by laploop."""
+    """Base of every error raised on purpose by laploop; keeps its message when it crosses a process border."""
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Pickle by message: the constructors of the subclasses take other arguments than the message."""
+        return _rebuilt, (type(self), self.args)
+
+
+def _rebuilt(kind: type[LaploopError], arguments: tuple[object, ...]) -> LaploopError:
+    error = kind.__new__(kind)
+    error.args = arguments
+    return error
 
 
 class InvalidValueError(LaploopError, ValueError):

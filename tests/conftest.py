@@ -1,0 +1,6 @@
+"""Settings for all tests, made before numpy is loaded."""
+
+import os
+
+# Small matrices gain nothing from the linear algebra library's own threads, which only get in the way of each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -1,0 +1,23 @@
+import pickle
+
+import pytest
+
+from laploop.errors import InvalidValueError, LaploopError, MissingFileError, UnknownNameError, WeightsError
+
+
+@pytest.mark.parametrize(
+    ("error", "builtin", "message"),
+    [
+        (InvalidValueError("speed", -1, "0 or more"), ValueError, "speed is -1; allowed: 0 or more"),
+        (UnknownNameError("task", "fly", ["reach", "look"]), ValueError, "unknown task 'fly'; available: look, reach"),
+        (MissingFileError("weights", "a/b", "train them"), FileNotFoundError, "weights not found at a/b; train them"),
+        (WeightsError("truncated"), ValueError, "truncated"),
+    ],
+)
+def test_an_error_is_one_of_ours_and_the_natural_builtin_and_survives_a_process_border(error, builtin, message):
+    copy = pickle.loads(pickle.dumps(error))  # noqa: S301  our own bytes
+    for each in (error, copy):
+        assert isinstance(each, LaploopError)
+        assert isinstance(each, builtin)
+        assert str(each) == message
+    assert type(copy) is type(error)
