@@ -21,7 +21,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@touch $(STAMP)
 
 demo: $(STAMP)
-	$(BIN)/laploop run --task reach --perception compact --motion breathing --seed $(SEED) --seconds 12 --out runs/demo
+	$(BIN)/laploop run --task reach --perception compact --motion breathing --hold-s 4 --seed $(SEED) --seconds 15 --out runs/demo
 	@$(BIN)/python -P -c 'import json, sys; done = json.load(open("runs/demo/summary.json"))["success"]; sys.exit(0 if done else "the demo run did not succeed")'
 
 test: lint types floors pytest

@@ -35,6 +35,8 @@ class EpisodeConfig:
     """Decides the tissue, the target and all noise."""
     seconds: float = 10.0
     """Simulated time after which the episode ends unsolved."""
+    hold_s: float = 0.3
+    """For how long without a break the tip must stay within 1.5 mm of an ideal touch; then the episode ends as a success."""
     perception_latency_ns: int = 40_000_000
     """From the capture of a frame to the arrival of its depth, in nanoseconds of simulated time."""
 
@@ -56,6 +58,8 @@ class EpisodeConfig:
             raise InvalidValueError("seed", self.seed, "an integer from 0 to 2**31 - 1")
         if not 0.0 < self.seconds <= 3600.0:
             raise InvalidValueError("seconds", self.seconds, "above 0, at most 3600")
+        if not 0.0 < self.hold_s <= 3600.0:
+            raise InvalidValueError("hold_s", self.hold_s, "above 0, at most 3600")
         if not 0 <= self.perception_latency_ns <= 5_000_000_000:
             raise InvalidValueError("perception_latency_ns", self.perception_latency_ns, "0 to 5e9 (5 s)")
 
@@ -65,6 +69,7 @@ class EpisodeConfig:
             motion=BaseMotion.named(self.motion),
             loop=LoopConfig(latency=ConstantLatency(latency_ns=self.perception_latency_ns)),
             max_seconds=self.seconds,
+            success_hold_s=self.hold_s,
         )
 
 
