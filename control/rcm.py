@@ -57,7 +57,7 @@ class RcmTask(Task):
         if not max_correction_m > 0.0:
             raise InvalidValueError("max_correction_m", max_correction_m, "above 0")
         super().__init__(cost=1.0, gain=feedback)
-        self._max_error_m = max_correction_m / feedback
+        self.max_correction_m = max_correction_m
         self._trocar_in_world = read_only(checked_vector("trocar_in_world", trocar_in_world, 3))
 
     def offset(self, configuration: Configuration) -> Array:
@@ -67,7 +67,8 @@ class RcmTask(Task):
     def compute_error(self, configuration: Configuration) -> Array:
         """Return the offset, (2,), cut to the length that one step may work on."""
         offset = self.offset(configuration)
-        return offset * min(1.0, self._max_error_m / max(float(np.hypot(offset[0], offset[1])), 1e-12))
+        longest = self.max_correction_m / self.gain
+        return offset * min(1.0, longest / max(float(np.hypot(offset[0], offset[1])), 1e-12))
 
     def compute_jacobian(self, configuration: Configuration) -> Array:
         """Return the derivative of the offset, (2, nv)."""

@@ -8,8 +8,9 @@ import numpy as np
 import qpsolvers
 from numpy.typing import ArrayLike, NDArray
 from pink import Configuration, FrameTask, PostureTask, build_ik
-from pink.limits import AccelerationLimit, ConfigurationLimit, Limit, VelocityLimit
+from pink.limits import Limit
 
+from laploop.control.joint_limit import JointBoxLimit
 from laploop.control.rcm import InsertionLimit, RcmTask, trocar_in_shaft
 from laploop.control.robot import SHAFT_TIP, ArmModel, checked_vector, read_only
 from laploop.errors import InfeasibleError, InvalidValueError
@@ -122,13 +123,16 @@ class RcmController:
         self._configuration = Configuration(model, model.createData(), np.zeros(model.nq))
         self._tip_task = FrameTask(SHAFT_TIP, position_cost=config.tip_cost_per_m, orientation_cost=0.0)
         self._posture_task = PostureTask(cost=config.posture_cost_per_rad, gain=config.posture_gain)
-        self._acceleration_limit = AccelerationLimit(model, np.full(model.nv, config.max_joint_acceleration_radps2))
-        self._limits: list[Limit] = [
-            ConfigurationLimit(model),
-            VelocityLimit(model, np.minimum(arm.max_joint_speed, config.max_joint_speed_radps)),
-            self._acceleration_limit,
-            InsertionLimit(trocar_in_world, min_m=config.min_insertion_m, max_m=max_insertion),
+        speed = np.minimum(arm.max_joint_speed, config.max_joint_speed_radps)
+        acceleration = np.full(model.nv, config.max_joint_acceleration_radps2)
+        insertion = InsertionLimit(trocar_in_world, min_m=config.min_insertion_m, max_m=max_insertion)
+        self._joint_limit = JointBoxLimit(arm.lower_position, arm.upper_position, speed, acceleration)
+        self._limits: list[Limit] = [self._joint_limit, insertion]
+        self._braking_limits: list[Limit] = [
+            JointBoxLimit(arm.lower_position, arm.upper_position, speed, max_acceleration=None),
+            insertion,
         ]
+        self._trocar_task = RcmTask(self._trocar_in_world, feedback=config.rcm_feedback)
         self._qdot = np.zeros(model.nv)
         self._tip_velocity = np.zeros(3)
         self._tip_reference = np.zeros(3)
@@ -203,8 +207,7 @@ class RcmController:
         start, before = self.q.copy(), self._tip_velocity
         if not self._move(self._limited(wanted, before, dt), dt, self._limits):
             # Joint accelerations that contradict the trocar give way to it while the tip brakes.
-            rest = [limit for limit in self._limits if limit is not self._acceleration_limit]
-            if not self._move(self._limited(np.zeros(3), before, dt), dt, rest):
+            if not self._move(self._limited(np.zeros(3), before, dt), dt, self._braking_limits):
                 self._stand_still()
             self._status = RcmStatus.HELD
         return start, self._qdot.copy()
@@ -227,18 +230,14 @@ class RcmController:
         target = self._configuration.get_transform_frame_to_world(SHAFT_TIP)
         target.translation = tip_reference_in_world
         self._tip_task.set_target(target)
-        self._acceleration_limit.set_last_integration(self._qdot, dt)
-        trocar = RcmTask(
-            self._trocar_in_world,
-            feedback=self._config.rcm_feedback,
-            max_correction_m=self._config.max_rcm_correction_mps * dt,
-        )
+        self._joint_limit.set_last_velocity(self._qdot)
+        self._trocar_task.max_correction_m = self._config.max_rcm_correction_mps * dt
         return build_ik(
             self._configuration,
             [self._tip_task, self._posture_task],
             dt,
             limits=self._limits if limits is None else limits,
-            constraints=[trocar],
+            constraints=[self._trocar_task],
         )
 
     def _move(self, tip_velocity: Array, dt: float, limits: list[Limit]) -> bool:
