@@ -55,7 +55,7 @@ results: $(STAMP)
 	  $(BIN)/laploop trials --perception $$estimator --motion $$motion --seeds 30 --workers 2 --out runs/trials-$$estimator-$$motion \
 	  && cp runs/trials-$$estimator-$$motion/summary.json $(RESULTS)/trials-$$estimator-$$motion.json || exit 1; done; done
 	$(BIN)/laploop synthesize --out $(FRAMES)
-	$(BIN)/laploop evaluate --dataset $(FRAMES) --out runs/depth && cp runs/depth/summary.json $(RESULTS)/depth.json
+	$(BIN)/laploop evaluate --dataset $(FRAMES) --estimators phase compact --out runs/depth && cp runs/depth/depth.json assets/weights/compact.json
 	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
 	$(BIN)/python -P -m laploop.studies.results_page $(RESULTS) README.md
 

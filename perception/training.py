@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from rich.console import Console
 from rich.progress import Progress, track
 from torch import Tensor
 
@@ -91,7 +92,7 @@ class Frames:
         chosen = store.indices(split)
         size = (len(chosen), store.optics.height, store.optics.width)
         image, depth_mm = np.empty(size, np.uint8), np.empty(size, np.float32)
-        for row, index in enumerate(track(chosen, description=f"reading {split}", disable=not progress)):
+        for row, index in enumerate(track(chosen, f"reading {split}", console=Console(stderr=True), disable=not progress)):
             image[row], depth_mm[row] = store.image(int(index)), store.depth_mm(int(index))
         return cls(image=image, depth_mm=depth_mm)
 
@@ -137,7 +138,7 @@ def train_compact(
         rows = _read_log(out / LOG_NAME)[: trainer.epoch]
     train = Frames.read(store, "train", progress=progress)
     val = Frames.read(store, "val", progress=progress)
-    with Progress(disable=not progress) as bar:
+    with Progress(console=Console(stderr=True), disable=not progress) as bar:
         task = bar.add_task("training", total=settings.epochs, completed=trainer.epoch)
         while trainer.epoch < settings.epochs:
             record = trainer.run_epoch(train, val)

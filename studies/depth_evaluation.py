@@ -11,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 from rich.progress import Progress
 
 from laploop.errors import InvalidValueError, OutputError
@@ -93,7 +94,7 @@ class DepthTable:
         raise InvalidValueError("row", (estimator, working_distance_mm), f"one of {known}")
 
     def flat_rows(self) -> list[dict[str, object]]:
-        """Return the lines as flat dictionaries; what is over every pixel has the prefix `all_`."""
+        """Return the lines as flat dictionaries; what is over every pixel has the prefix `all_`, what is unknown is None."""
         flat: list[dict[str, object]] = []
         for row in self.rows:
             line: dict[str, object] = {
@@ -104,7 +105,8 @@ class DepthTable:
             }
             line.update(asdict(row.valid))
             line.update({f"all_{name}": value for name, value in asdict(row.every).items()})
-            flat.append(line)
+            # A bin without pixels has no error; neither JSON nor a spreadsheet knows NaN.
+            flat.append({name: None if value != value else value for name, value in line.items()})  # noqa: PLR0124
         return flat
 
 
@@ -133,7 +135,7 @@ def evaluate_depth(
     }
     indices = store.indices(chosen.split)
     counters = {name: _Counters(chosen) for name in estimators}
-    with Progress(disable=not progress) as bar:
+    with Progress(console=Console(stderr=True), disable=not progress) as bar:
         task = bar.add_task("evaluating", total=len(indices))
         for index in indices:
             _count_frame(store, int(index), estimators, counters)

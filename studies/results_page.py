@@ -6,6 +6,7 @@
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,9 @@ from laploop.errors import InvalidValueError, MissingFileError, OutputError
 
 BEGIN = "<!-- results: begin -->"
 END = "<!-- results: end -->"
+
+DEPTH = Path(str(files("laploop.assets") / "weights" / "compact.json"))
+"""The depth evaluation that the shipped weights' card rests on."""
 
 TRIALS = ("oracle-still", "oracle-breathing", "compact-still", "compact-breathing", "phase-still", "phase-breathing")
 """Closed-loop studies, in the order of the table: estimator and motion; those without a file are left out."""
@@ -22,11 +26,10 @@ def results_markdown(folder: Path) -> str:
     """Return the block for the summaries in `folder`.
 
     Raises:
-        MissingFileError: If the folder lacks the depth evaluation or the bench.
+        MissingFileError: If the folder lacks the bench.
     """
     trials = [_read(path) for name in TRIALS if (path := folder / f"trials-{name}.json").is_file()]
-    depth, bench = _read(folder / "depth.json"), _read(folder / "bench.json")
-    return "\n\n".join([_trials_table(trials), _depth_table(depth), _bench_table(bench)])
+    return "\n\n".join([_trials_table(trials), _depth_table(_read(DEPTH)), _bench_table(_read(folder / "bench.json"))])
 
 
 def with_results(readme: str, block: str) -> str:

@@ -1,11 +1,13 @@
 """Renders the frames that networks learn from, of many tissues, with exact depth."""
 
 import multiprocessing
+import signal
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 from rich.progress import Progress
 
 from laploop.assets.phantom import TissueConfig
@@ -86,14 +88,14 @@ def render_training_frames(config: TrainingFramesConfig, out: Path, *, progress:
     store = _open_or_create(config, out)
     todo = np.flatnonzero(~store.done())
     tissues = sorted({int(index) // config.frames_per_tissue for index in todo})
-    with Progress(disable=not progress) as bar:
+    with Progress(console=Console(stderr=True), disable=not progress) as bar:
         task = bar.add_task("frames", total=len(store), completed=len(store) - len(todo))
         if config.workers == 1:
             for tissue in tissues:
                 bar.update(task, advance=_render_tissue(config, out, tissue))
         elif tissues:
             context = multiprocessing.get_context("spawn")
-            with ProcessPoolExecutor(max_workers=config.workers, mp_context=context) as pool:
+            with ProcessPoolExecutor(config.workers, context, initializer=_end_quietly_on_interrupt) as pool:
                 jobs = [pool.submit(_render_tissue, config, out, tissue) for tissue in tissues]
                 try:
                     for job in as_completed(jobs):
@@ -102,6 +104,11 @@ def render_training_frames(config: TrainingFramesConfig, out: Path, *, progress:
                     pool.shutdown(wait=False, cancel_futures=True)
                     raise
     return out
+
+
+def _end_quietly_on_interrupt() -> None:
+    """Let Ctrl-C end a worker at once and without a word: the main process has one."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _open_or_create(config: TrainingFramesConfig, out: Path) -> FrameStore:

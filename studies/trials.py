@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.envs.episode import EpisodeConfig, run_episode
-from laploop.errors import InfeasibleError, InvalidValueError, LaploopError, OutputError, SimulationError
+from laploop.errors import InfeasibleError, InvalidValueError, OutputError, SimulationError
 
 Row = dict[str, Any]
 
@@ -216,12 +216,9 @@ def _run_all(
     # Spawned, not forked: neither torch's threads nor Warp's kernels survive a fork.
     pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_prepare_worker, initargs=(threads,))
     try:
-        futures = {pool.submit(_run_in_worker, run, episode): episode for episode in episodes}
+        futures = {pool.submit(run, episode): episode for episode in episodes}
         for future in as_completed(futures):
-            outcome = future.result()
-            if isinstance(outcome, str):
-                raise LaploopError(outcome)
-            yield futures[future], outcome
+            yield futures[future], future.result()
     except BrokenProcessPool as error:
         raise SimulationError("a worker process died; the rows that were finished are kept, run again to go on") from error
     finally:
@@ -234,14 +231,6 @@ def _prepare_worker(threads: int) -> None:
 
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     torch.set_num_threads(threads)
-
-
-def _run_in_worker(run: Callable[[EpisodeConfig], Row], episode: EpisodeConfig) -> Row | str:
-    """Return the row, or the message of an error that every episode would meet: errors do not survive the way back."""
-    try:
-        return run(episode)
-    except LaploopError as error:
-        return str(error)
 
 
 def _row_path(folder: Path, episode: EpisodeConfig) -> Path:

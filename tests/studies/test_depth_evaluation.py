@@ -60,6 +60,7 @@ def test_table_is_written_as_json_csv_and_markdown(dataset, tmp_path):
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["depth.csv", "depth.json", "depth.md"]
     plain = json.loads((tmp_path / "out" / "depth.json").read_text())
     assert plain["frames"] == 3
+    assert "NaN" not in (tmp_path / "out" / "depth.json").read_text()
     assert {row["estimator"] for row in plain["rows"]} == {"oracle", "phase"}
     assert len((tmp_path / "out" / "depth.csv").read_text().splitlines()) == 11
     assert "| phase | all | 3 |" in (tmp_path / "out" / "depth.md").read_text()

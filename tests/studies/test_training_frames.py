@@ -9,6 +9,7 @@ from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.frame_store import FrameStore
 from laploop.perception.geometry import Rig
 from laploop.studies import training_frames
+from laploop.studies.depth_evaluation import evaluate_depth
 from laploop.studies.training_frames import TrainingFramesConfig, render_training_frames
 
 TINY = TrainingFramesConfig(
@@ -106,3 +107,17 @@ def test_folder_with_another_configuration_is_refused(store):
 def test_impossible_configuration_is_refused(change):
     with pytest.raises(InvalidValueError):
         replace(TINY, **change)
+
+
+@pytest.fixture(scope="module")
+def unseen(tmp_path_factory):
+    config = TrainingFramesConfig(train_tissues=0, val_tissues=0, test_tissues=2, frames_per_tissue=8, workers=1, seed=12345)
+    return render_training_frames(config, tmp_path_factory.mktemp("unseen") / "frames", progress=False)
+
+
+@pytest.mark.parametrize(("estimator", "promised_mm"), [("phase", 1.5), ("compact", 1.2)])
+def test_estimators_keep_their_promise_on_tissues_nobody_has_seen(unseen, estimator, promised_mm):
+    row = evaluate_depth(unseen, [estimator], progress=False).row(estimator)
+    assert row.valid.mae_mm <= promised_mm
+    assert row.valid.acc_1_1 > 0.99
+    assert row.valid_share > 0.4
