@@ -37,13 +37,16 @@ class DyingPool:
     def __init__(self, *_arguments, **_options):
         self.jobs = 0
 
-    def submit(self, work, run, episode):
+    def submit(self, run, episode):
         self.jobs += 1
         future = Future()
-        if self.jobs == 1:
-            future.set_result(work(run, episode))
-        else:
+        if self.jobs > 1:
             future.set_exception(BrokenProcessPool())
+            return future
+        try:
+            future.set_result(run(episode))
+        except LaploopError as error:
+            future.set_exception(error)
         return future
 
     def shutdown(self, **_options):
