@@ -46,8 +46,10 @@ class ProprioceptionConfig:
 
     kinematics_delay_steps: int = 0
     force_delay_steps: int = 0
+    force_window_steps: int = 4
+    """The force sensor reports the mean of so many physics steps, as a strain gauge behind its low-pass filter does."""
     force_noise_n: float = 0.0
-    """Standard deviation a component."""
+    """Standard deviation a component, of each of those."""
 
     def __post_init__(self) -> None:
         """Check the ranges.
@@ -58,6 +60,8 @@ class ProprioceptionConfig:
         for name in ("kinematics_delay_steps", "force_delay_steps", "force_noise_n"):
             if getattr(self, name) < 0:
                 raise InvalidValueError(name, getattr(self, name), "0 or more")
+        if self.force_window_steps < 1:
+            raise InvalidValueError("force_window_steps", self.force_window_steps, "1 or more")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,6 +90,7 @@ class Proprioception:
     def __init__(self, body: ProprioceptiveBody, config: ProprioceptionConfig, physics_steps_per_control: int) -> None:
         """Set the channels up; `reset` fills them with the first reading."""
         self._physics = _Physics(body)
+        self._force_window = config.force_window_steps
         noise = partial(_add_noise, config.force_noise_n) if config.force_noise_n else None
         channels = {
             "tip": observable.Generic(lambda physics: physics.body.tip_in_world(), delay=config.kinematics_delay_steps),
@@ -93,7 +98,10 @@ class Proprioception:
                 lambda physics: physics.body.tip_velocity_in_world(), delay=config.kinematics_delay_steps
             ),
             "force": observable.Generic(
-                lambda physics: physics.body.contact_force_in_world(), delay=config.force_delay_steps, corruptor=noise
+                lambda physics: physics.body.contact_force_in_world(),
+                delay=config.force_delay_steps,
+                buffer_size=config.force_window_steps,
+                corruptor=noise,
             ),
         }
         for channel in channels.values():
@@ -121,8 +129,9 @@ class Proprioception:
     def read(self) -> ProprioceptiveReading:
         """Return what has arrived by now."""
         values = self._updater.get_observation()
+        force = values["force"].reshape(self._force_window, 3).mean(axis=0)
         return ProprioceptiveReading(
-            tip_in_world=values["tip"], tip_velocity_in_world=values["tip_velocity"], contact_force_in_world=values["force"]
+            tip_in_world=values["tip"], tip_velocity_in_world=values["tip_velocity"], contact_force_in_world=force
         )
 
 
