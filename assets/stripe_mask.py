@@ -2,8 +2,13 @@
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
-from laploop.errors import InvalidValueError
+import numpy as np
+
+from laploop.errors import InvalidValueError, MissingFileError
+
+_SAME_ROW = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,6 +25,13 @@ class StripeMask:
     phase: float = 0.0
     """Shift of the pattern along x, as a fraction of a period; a bright stripe starts at the left edge when 0."""
     fov_rad: float = math.radians(60.0)
+    edge_roughness: float = 0.0
+    """Standard deviation of an edge's wandering along its length, as a fraction of a period: next to nothing for a
+    photolithographic chrome mask, more for a printed one. Its mean along the edge is modelled, a soft transition; that is
+    what is left of wandering faster than the projector resolves."""
+    profile: tuple[float, ...] | None = None
+    """Transmission of equally wide steps from the left to the right border instead of stripes, 0 to 1; `from_png` reads it.
+    `stripes` should still say how many periods it has, for whoever decodes the image; `duty` and `phase` mean nothing."""
 
     def __post_init__(self) -> None:
         """Check every field.
@@ -33,6 +45,43 @@ class StripeMask:
             raise InvalidValueError("duty", self.duty, "0.05 to 0.95")
         if not 0.0 < self.fov_rad < math.pi:
             raise InvalidValueError("fov_rad", self.fov_rad, "above 0 and below pi")
+        if not 0.0 <= self.edge_roughness <= 0.2:
+            raise InvalidValueError("edge_roughness", self.edge_roughness, "0 to 0.2 of a period")
+        if self.profile is not None:
+            # What came from JSON is a list; a mask must stay hashable and equal to what was written.
+            object.__setattr__(self, "profile", tuple(float(value) for value in self.profile))
+            if not 1 <= len(self.profile) <= 16384:
+                raise InvalidValueError("length of profile", len(self.profile), "1 to 16384 steps")
+            if not all(0.0 <= value <= 1.0 for value in self.profile):
+                raise InvalidValueError("profile", (min(self.profile), max(self.profile)), "transmissions from 0 to 1")
+
+    @classmethod
+    def from_png(
+        cls, path: Path | str, *, stripes: int, fov_rad: float = math.radians(60.0), edge_roughness: float = 0.0
+    ) -> "StripeMask":
+        """Read a mask drawn as a grey PNG: grey is transmission, its left and right borders are those of the field.
+
+        The pattern must be one of upright stripes, of any widths and greys: the mask is modelled along x alone.
+
+        Args:
+            path: The file; colours are refused unless all of them are grey, and so is transparency.
+            stripes: How many periods it has.
+            fov_rad: Full field of view that it fills.
+            edge_roughness: See the attribute.
+
+        Raises:
+            MissingFileError: If there is no such file.
+            InvalidValueError: If it cannot be read as a PNG, or shows something else than grey, upright stripes.
+        """
+        path = Path(path).expanduser()
+        if not path.is_file():
+            raise MissingFileError("mask image", path, "give a PNG")
+        transmission = _read_grey(path)
+        difference = np.ptp(transmission, axis=0).max()
+        if difference > _SAME_ROW:
+            raise InvalidValueError("mask image", str(path), "upright stripes: all rows of the image alike (within 2 %)")
+        steps = tuple(float(value) for value in transmission.mean(axis=0))
+        return cls(stripes=stripes, profile=steps, fov_rad=fov_rad, edge_roughness=edge_roughness)
 
     @property
     def half_width_tan(self) -> float:
@@ -43,3 +92,27 @@ class StripeMask:
     def period_tan(self) -> float:
         """Period of the stripes in tangent units."""
         return 2.0 * self.half_width_tan / self.stripes
+
+
+def _read_grey(path: Path) -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
+    """Return a PNG's grey values, (H, W) from 0 to 1."""
+    from PIL import Image, UnidentifiedImageError  # comes with matplotlib; only needed here
+
+    try:
+        with Image.open(path, formats=["PNG"]) as image:
+            width, height, mode = image.width, image.height, image.mode
+            if not (16 <= width <= 16384 and 1 <= height <= 16384):
+                raise InvalidValueError("size of mask image", f"{width} x {height}", "16 to 16384 columns, 1 to 16384 rows")
+            if mode not in {"1", "L", "I;16", "I", "P", "RGB", "RGBA", "LA"}:
+                raise InvalidValueError("mode of mask image", mode, "grey, 8 or 16 bits")
+            values = np.asarray(image.convert("RGBA") if mode in {"P", "RGB", "RGBA", "LA"} else image, dtype=np.float64)
+    except (UnidentifiedImageError, OSError, SyntaxError, Image.DecompressionBombError) as error:
+        raise InvalidValueError("mask image", str(path), f"a PNG that can be read ({error})") from error
+    if values.ndim == 3:
+        if values[..., 3].min() < 255.0:
+            raise InvalidValueError("mask image", str(path), "an opaque image; it has transparent pixels")
+        if np.ptp(values[..., :3], axis=-1).max() > 0.0:
+            raise InvalidValueError("mask image", str(path), "a grey image; it has colours")
+        values = values[..., 0]
+    full_scale = {"1": 1.0, "I": 65535.0, "I;16": 65535.0}.get(mode, 255.0)
+    return values / full_scale

@@ -35,6 +35,7 @@ COMMANDS = {
     "bench": Command(module="laploop.cli.bench", summary="measure every stage of the loop on this machine"),
     "synthesize": Command(module="laploop.cli.synthesize", summary="render stripe frames with exact depth, for training"),
     "train": Command(module="laploop.cli.train", summary="train the compact depth network on rendered frames"),
+    "characterize": Command(module="laploop.cli.characterize", summary="measure the stripes' contrast against distance"),
     "evaluate": Command(module="laploop.cli.evaluate", summary="measure estimators on tissues never seen in training"),
 }
 

@@ -6,18 +6,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.envs.sensors.optics_presets import OpticsRanges, Range, draw_light, randomised_surfaces
 from laploop.envs.sensors.stripe_optics import StripeOptics
 from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
-Range = tuple[float, float]
 
 _TRIES = 1000
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrameRanges:
-    """Ranges, each drawn from evenly unless it says otherwise."""
+class FrameRanges(OpticsRanges):
+    """Ranges, each drawn from evenly unless it says otherwise.
+
+    In half of the frames the light is multiplied by the squared distance as well, as an automatic exposure does.
+    """
 
     working_distance_m: Range = (0.055, 0.150)
     """From the camera to the mean height of the tissue."""
@@ -37,28 +40,14 @@ class FrameRanges:
     """Height of a hovering tip above the tissue; squared distribution, so that low heights are frequent."""
     press_m: Range = (0.0005, 0.0035)
     """How far a pressing tip goes beyond the resting surface; one instrument in four presses."""
-    light: Range = (0.5, 2.2)
-    """LED power times exposure relative to the nominal, evenly in its logarithm. In half of the frames it is multiplied by the
-    squared distance as well, as an automatic exposure does."""
-    tissue_albedo: Range = (0.28, 0.55)
-    tissue_roughness: Range = (0.10, 0.30)
-    tissue_reflectance: Range = (0.020, 0.030)
-    subsurface_fwhm_m: Range = (0.0006, 0.0015)
-    tool_albedo: Range = (0.08, 0.20)
-    tool_roughness: Range = (0.25, 0.50)
-    stage_albedo: Range = (0.06, 0.20)
-    stray_fraction: Range = (0.02, 0.10)
-    source_blur_tan: Range = (0.0080, 0.0100)
-    lens_blur_px: Range = (0.5, 1.0)
-    read_noise_electrons: Range = (2.0, 8.0)
-    full_well_electrons: Range = (8000.0, 14000.0)
 
     def __post_init__(self) -> None:
-        """Check the distances; the optics check themselves.
+        """Check the distances and the light; the optics check themselves.
 
         Raises:
-            InvalidValueError: If a range of distances is empty or not positive.
+            InvalidValueError: If a range of distances or of light is empty or not positive.
         """
+        super().__post_init__()
         for name in ("working_distance_m", "usual_distance_m"):
             low, high = getattr(self, name)
             if not 0.02 < low <= high:
@@ -142,27 +131,10 @@ def _try_tool(
 def draw_optics(ranges: FrameRanges, working_distance_m: float, rng: np.random.Generator) -> StripeOptics:
     """Draw light, surfaces and sensor."""
     nominal = StripeOptics()
-    light = math.exp(rng.uniform(math.log(ranges.light[0]), math.log(ranges.light[1])))
+    light = draw_light(rng, ranges)
     if rng.random() < 0.5:
         light *= (working_distance_m / 0.085) ** 2
-    return replace(
-        nominal,
-        led_power_w=nominal.led_power_w * light,
-        stray_fraction=rng.uniform(*ranges.stray_fraction),
-        source_blur_tan=rng.uniform(*ranges.source_blur_tan),
-        lens_blur_px=rng.uniform(*ranges.lens_blur_px),
-        read_noise_electrons=rng.uniform(*ranges.read_noise_electrons),
-        full_well_electrons=rng.uniform(*ranges.full_well_electrons),
-        tissue=replace(
-            nominal.tissue,
-            albedo=rng.uniform(*ranges.tissue_albedo),
-            reflectance=rng.uniform(*ranges.tissue_reflectance),
-            roughness=rng.uniform(*ranges.tissue_roughness),
-            subsurface_fwhm_m=rng.uniform(*ranges.subsurface_fwhm_m),
-        ),
-        tool=replace(nominal.tool, albedo=rng.uniform(*ranges.tool_albedo), roughness=rng.uniform(*ranges.tool_roughness)),
-        stage=replace(nominal.stage, albedo=rng.uniform(*ranges.stage_albedo)),
-    )
+    return randomised_surfaces(replace(nominal, led_power_w=nominal.led_power_w * light), rng, ranges)
 
 
 def _rotation(axis: Array, angle: float) -> Array:
