@@ -56,6 +56,7 @@ results: $(STAMP)
 	  && cp runs/trials-$$estimator-$$motion/summary.json $(RESULTS)/trials-$$estimator-$$motion.json || exit 1; done; done
 	$(BIN)/laploop synthesize --out $(FRAMES)
 	$(BIN)/laploop evaluate --dataset $(FRAMES) --estimators phase compact --out runs/depth && cp runs/depth/depth.json assets/weights/compact.json
+	$(BIN)/laploop characterize --out runs/characterization && cp runs/characterization/summary.json $(RESULTS)/characterization.json
 	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
 	$(BIN)/python -P -m laploop.studies.results_page $(RESULTS) README.md
 

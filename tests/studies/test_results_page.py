@@ -30,5 +30,5 @@ def test_a_readme_without_the_block_is_refused():
 
 
 def test_missing_results_are_named(tmp_path):
-    with pytest.raises(MissingFileError, match=r"bench\.json"):
+    with pytest.raises(MissingFileError, match=r"characterization\.json"):
         results_markdown(tmp_path)
