@@ -103,8 +103,8 @@ def _depth_table(summary: Mapping[str, Any]) -> str:
 def _contrast_line(summary: Mapping[str, Any]) -> str:
     contrast = summary["contrast"]
     return (
-        f"Michelson contrast of the stripes on an inclined target: {contrast['70']:.2f} at 70 mm and {contrast['100']:.2f} at 100 mm\n"
-        "(0.58 and 0.44 on the laparoscope that the simulator follows)."
+        f"Michelson contrast of the stripes on an inclined target: {contrast['70']:.2f} at 70 mm and "
+        f"{contrast['100']:.2f} at 100 mm\n(0.58 and 0.44 on the laparoscope that the simulator follows)."
     )
 
 
