@@ -5,6 +5,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from laploop.assets.instrument import TISSUE_COLLISION_BIT, VISIBLE_GROUP
 from laploop.assets.tissue_shape import TissueMesh, TissueShape
@@ -19,6 +20,9 @@ _SKIN_M = 1e-5
 _CONTACT_IMPEDANCE = "0.99 0.999 0.0005 0.5 2"
 """Hard enough for the tissue to give way and not the contact: a probe sinks in by less than 0.15 mm at 3 N, where MuJoCo's
 default lets its whole ball end through the surface."""
+
+_IDLE = 0.02
+"""Nodes with less than this share of the tissue of an inner node are so light and soft that they hardly come to rest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +77,8 @@ class TissueConfig:
     There is one cell from bottom to top: upper cells above a crease would hold next to no tissue, and their nodes, almost
     without mass and stiffness, would fly about.
     """
+    solid: TissueMesh | None = None
+    """A solid to be the phantom instead of one that `shape` grows; `phantom_mesh.load_phantom` makes one of a file."""
 
     def __post_init__(self) -> None:
         """Check every field.
@@ -92,13 +98,15 @@ class TissueConfig:
 def build_phantom(mesh: TissueMesh, config: TissueConfig) -> Any:
     """Build the phantom as a `mujoco.MjSpec` with one body, whose origin is below the middle of its flat bottom.
 
-    Nodes of the bottom layer are fixed to that body; everything above is free and elastic.
+    Nodes of the bottom layer are fixed to that body; everything above is free and elastic. Of a solid of the user's, whose
+    outline need not fill its box, those upper nodes are fixed, too, that carry next to no tissue.
     """
     material = config.material
     cells, nodes = config.cells, config.nodes
     points = " ".join(map(repr, mesh.points.ravel().tolist()))
     elements = " ".join(map(str, mesh.tetrahedra.ravel().tolist()))
     volume = _volume(mesh)
+    pinned = "" if config.solid is None else _pin(_idle_nodes(mesh, config))
     xml = f"""
 <mujoco model="phantom">
   <option integrator="discrete"/>
@@ -111,7 +119,7 @@ def build_phantom(mesh: TissueMesh, config: TissueConfig) -> Any:
         <contact contype="{TISSUE_COLLISION_BIT}" conaffinity="{TISSUE_COLLISION_BIT}" condim="3" selfcollide="none"
                  priority="1" solref="{material.contact_time_s!r} 1" solimp="{_CONTACT_IMPEDANCE}"
                  friction="{material.friction!r} 0 0"/>
-        <pin gridrange="0 0 0 {nodes[0] - 1} {nodes[1] - 1} 0"/>
+        <pin gridrange="0 0 0 {nodes[0] - 1} {nodes[1] - 1} 0"/>{pinned}
       </flexcomp>
     </body>
   </worldbody>
@@ -123,3 +131,25 @@ def _volume(mesh: TissueMesh) -> float:
     corners = mesh.points[mesh.tetrahedra]
     edges = corners[:, 1:] - corners[:, :1]
     return float(np.linalg.det(edges).sum() / 6.0)
+
+
+def _pin(nodes: NDArray[np.intp]) -> str:
+    return f'<pin grid="{" ".join(map(str, nodes.ravel().tolist()))}"/>' if nodes.size else ""
+
+
+def _idle_nodes(mesh: TissueMesh, config: TissueConfig) -> NDArray[np.intp]:
+    """Return the nodes (k, 3) of the upper layer that carry less than `_IDLE` of the tissue of a node in full cells."""
+    low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
+    cells = np.array([*config.cells, 1])
+    corners = mesh.points[mesh.tetrahedra]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+    place = (corners.mean(axis=1) - low) / (high - low) * cells
+    cell = np.minimum(place.astype(np.intp), cells - 1)
+    x, y, z = (place - cell).T
+    carried = np.zeros(config.nodes[:2])
+    for i, along_x in enumerate((1.0 - x, x)):
+        for j, along_y in enumerate((1.0 - y, y)):
+            np.add.at(carried, (cell[:, 0] + i, cell[:, 1] + j), volumes * along_x * along_y * z)
+    full = 0.5 * float(np.prod((high - low) / cells))
+    idle = np.argwhere(carried < _IDLE * full)
+    return np.column_stack([idle, np.ones(len(idle), dtype=np.intp)])

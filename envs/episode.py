@@ -3,10 +3,13 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
 
+from laploop.assets.phantom import TissueConfig
+from laploop.assets.phantom_mesh import load_phantom
 from laploop.control.messages import TipController
 from laploop.control.reach_controller import ReachController
 from laploop.envs.base_motion import BaseMotion, MotionName
@@ -39,6 +42,8 @@ class EpisodeConfig:
     """For how long without a break the tip must stay within 1.5 mm of an ideal touch; then the episode ends as a success."""
     perception_latency_ns: int = 40_000_000
     """From the capture of a frame to the arrival of its depth, in nanoseconds of simulated time."""
+    phantom: Path | None = None
+    """Closed surface to be the tissue instead of a seeded one: .stl, .obj or .ply, millimetres, z up, 20-200 mm a side."""
 
     def __post_init__(self) -> None:
         """Check names and ranges.
@@ -64,8 +69,14 @@ class EpisodeConfig:
             raise InvalidValueError("perception_latency_ns", self.perception_latency_ns, "0 to 5e9 (5 s)")
 
     def reach_config(self) -> ReachConfig:
-        """Translate into the environment's configuration."""
+        """Translate into the environment's configuration; reads, checks and fills the phantom where one is given.
+
+        Raises:
+            MissingFileError: If the phantom's file does not exist.
+            InvalidValueError: If it is not one closed surface of sensible size.
+        """
         return ReachConfig(
+            tissue=TissueConfig(solid=None if self.phantom is None else load_phantom(self.phantom)),
             motion=BaseMotion.named(self.motion),
             loop=LoopConfig(latency=ConstantLatency(latency_ns=self.perception_latency_ns)),
             max_seconds=self.seconds,

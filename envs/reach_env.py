@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from laploop.assets.phantom import TissueConfig
 from laploop.assets.shafts import INSTRUMENT
 from laploop.control.messages import ControlInput
 from laploop.envs.base_motion import BaseMotion
@@ -42,6 +43,7 @@ class ReachConfig:
     loop: LoopConfig = field(default_factory=LoopConfig)
     target: TargetChoiceConfig = field(default_factory=TargetChoiceConfig)
     rewards: ReachRewardWeights = field(default_factory=ReachRewardWeights)
+    tissue: TissueConfig = field(default_factory=TissueConfig)
     tissue_seed: int | None = None
     """Seed of the tissue; None takes the seed of `reset`, and draws a new one where that is None too."""
     max_seconds: float = 10.0
@@ -180,6 +182,7 @@ class ReachEnv(gym.Env[dict[str, Any], NDArray[np.float32]]):
         theatre_config = TheatreConfig(
             seed=tissue_seed,
             motion=self.config.motion,
+            tissue=self.config.tissue,
             timestep_s=rates.physics_s,
             control_period_s=rates.control_s,
             optics=self.config.loop.scope,

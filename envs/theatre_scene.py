@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from laploop.assets.instrument import build_instrument
 from laploop.assets.laparoscope import SHAFT_TIP, build_laparoscope
-from laploop.assets.operating_table import build_operating_table, build_stage
-from laploop.assets.phantom import TISSUE, build_phantom
+from laploop.assets.operating_table import STAGE_PLATE_THICKNESS_M, build_operating_table, build_stage
+from laploop.assets.phantom import TISSUE, TissueConfig, build_phantom
+from laploop.assets.phantom_mesh import mean_top_height
 from laploop.assets.shafts import INSTRUMENT, LAPAROSCOPE
 from laploop.assets.tissue_shape import TissueMesh, height_field, solid_mesh
 from laploop.assets.ur5 import build_ur5
@@ -19,6 +20,7 @@ from laploop.control.robot import ArmModel
 from laploop.control.start_posture import start_posture
 from laploop.envs.arm import Arm
 from laploop.envs.theatre_config import TheatreConfig, TheatreLayout
+from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
 
@@ -37,6 +39,8 @@ _TOOL_SEED_Q = np.array([-0.28, -1.79, 1.86, -2.31, -1.39, -0.22])
 _WORKING_DISTANCE_RANGE_M = (0.075, 0.105)
 _TIP_CLEARANCE_M = 0.022
 """Height of the tool's tip above the highest point of the tissue at rest; breathing takes 5 mm of it."""
+_SCOPE_CLEARANCE_M = 0.035
+"""Least room between the scope's tip and the highest point of the tissue at rest; the tool's ball end moves in there."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,13 +59,13 @@ class Scene:
 def build_scene(config: TheatreConfig, rng: np.random.Generator) -> Scene:
     """Compose and compile the theatre of a config; all that is random comes from `rng`."""
     layout = config.layout
-    height = height_field(config.tissue.shape, rng)
-    mesh = solid_mesh(config.tissue.shape, height)
+    mesh, mean_height, top_height = _tissue(config.tissue, rng)
     drawn_distance = float(rng.uniform(*_WORKING_DISTANCE_RANGE_M))
     tip_x, tip_y = rng.uniform(0.036, 0.042), rng.uniform(-0.008, 0.008)
     distance = drawn_distance if config.working_distance_m is None else config.working_distance_m
-    stage = np.array([0.0, 0.0, layout.scope_tip_z_m - distance - float(height.mean())])
-    tip = np.array([tip_x, tip_y, stage[2] + float(height.max()) + _TIP_CLEARANCE_M])
+    stage = np.array([0.0, 0.0, layout.scope_tip_z_m - distance - mean_height])
+    _check_room(stage, top_height, layout)
+    tip = np.array([tip_x, tip_y, stage[2] + top_height + _TIP_CLEARANCE_M])
     scope_trocar = np.array([0.0, 0.0, layout.wall_z_m])
     tool_trocar = np.array([layout.tool_trocar_x_m, 0.0, layout.wall_z_m])
     bases = _bases(layout)
@@ -91,6 +95,29 @@ def build_scene(config: TheatreConfig, rng: np.random.Generator) -> Scene:
         stage_in_world=stage,
         working_distance_m=distance,
     )
+
+
+def _tissue(config: TissueConfig, rng: np.random.Generator) -> tuple[TissueMesh, float, float]:
+    """Return the solid, its mean height as seen from above, and its greatest, both in metres above the stage."""
+    if config.solid is not None:
+        return config.solid, mean_top_height(config.solid), float(config.solid.points[:, 2].max())
+    height = height_field(config.shape, rng)
+    return solid_mesh(config.shape, height), float(height.mean()), float(height.max())
+
+
+def _check_room(stage: Array, top_height: float, layout: TheatreLayout) -> None:
+    """Check that the stage clears the table, and the tissue the scope.
+
+    Raises:
+        InvalidValueError: If one does not.
+    """
+    if stage[2] < STAGE_PLATE_THICKNESS_M:
+        allowed = f"at least {STAGE_PLATE_THICKNESS_M} m; a flatter phantom or a smaller working distance raises it"
+        raise InvalidValueError("height of the stage above the table", round(float(stage[2]), 4), allowed)
+    room = layout.scope_tip_z_m - float(stage[2]) - top_height
+    if room < _SCOPE_CLEARANCE_M:
+        allowed = f"at least {_SCOPE_CLEARANCE_M} m; a more even phantom or a larger working distance gives more"
+        raise InvalidValueError("room between the scope's tip and the highest point of the tissue", round(room, 4), allowed)
 
 
 def _compile(

@@ -36,7 +36,7 @@ class Tissue:
 
     @property
     def top_vertex_count(self) -> int:
-        """The first so many of `surface_points` make the top; the rest are the lower ends of the sides."""
+        """The first so many of `surface_points` make the top; the rest belong to the sides alone."""
         return self._top_vertex_count
 
     def surface_points(self) -> Array:

@@ -233,6 +233,12 @@ def _prepare_worker(threads: int) -> None:
     torch.set_num_threads(threads)
 
 
+def _plain(episode: EpisodeConfig) -> dict[str, Any]:
+    """Return the configuration as JSON would give it back."""
+    plain: dict[str, Any] = json.loads(json.dumps(asdict(episode), default=str))
+    return plain
+
+
 def _row_path(folder: Path, episode: EpisodeConfig) -> Path:
     return folder / f"seed_{episode.seed:06d}.json"
 
@@ -245,7 +251,7 @@ def _kept_row(folder: Path, episode: EpisodeConfig) -> Row | None:
         return None
     except ValueError as error:
         raise InvalidValueError("kept row", str(path), "JSON as this command wrote it; remove the file") from error
-    same = kept["version"] == version("laploop") and kept["episode"] == asdict(episode)
+    same = kept["version"] == version("laploop") and kept["episode"] == _plain(episode)
     row: Row = kept["row"]
     return row if same and row["error"] is None else None
 
@@ -253,7 +259,7 @@ def _kept_row(folder: Path, episode: EpisodeConfig) -> Row | None:
 def _keep_row(folder: Path, episode: EpisodeConfig, row: Row) -> None:
     path = _row_path(folder, episode)
     partial = path.with_suffix(".partial")
-    kept = {"version": version("laploop"), "episode": asdict(episode), "row": row}
+    kept = {"version": version("laploop"), "episode": _plain(episode), "row": row}
     try:
         folder.mkdir(exist_ok=True)
         partial.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")

@@ -2,6 +2,7 @@ import json
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -187,3 +188,13 @@ def test_command_fails_when_an_episode_could_not_be_run(tmp_path, monkeypatch):
     monkeypatch.setattr(trials, "run_episode", fail)
     assert main(["trials", "--perception", "oracle", "--seeds", "1", "--out", str(tmp_path)]) == 1
     assert "broken" in (tmp_path / "trials.csv").read_text()
+
+
+def test_rows_of_a_users_own_phantom_are_kept_too(tmp_path):
+    config = TrialsConfig(episode=replace(EPISODE, phantom=Path("organ.stl")), seeds=2)
+    rows = run_trials(config, tmp_path, run=row_for)
+
+    def never(_episode):
+        raise AssertionError
+
+    assert run_trials(config, tmp_path, run=never) == rows

@@ -1,0 +1,253 @@
+"""A user's own closed surface as the phantom: read, checked, filled with tetrahedra.
+
+The file holds millimetres, z up; it is centred in x and y and its lowest point is set on the plate. Reading is trimesh's
+work (MIT), filling fTetWild's (Hu et al., ACM Trans. Graph. 39(4), 2020) through pytetwild (MPL-2.0, hence an extra that
+nobody has to install): unlike the AGPL's and GPL's meshers it may stand beside an Apache-2.0 project, and it makes a surface
+of even resolution of whatever triangles it is given, within a thousandth of the body's diagonal.
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from laploop.assets.self_intersection import crossing_triangles
+from laploop.assets.solid_store import Solid, stored_solid
+from laploop.assets.tissue_shape import TissueMesh
+from laploop.errors import InvalidValueError, MissingFileError
+
+Array = NDArray[np.float64]
+
+SUFFIXES = (".stl", ".obj", ".ply")
+MAX_TRIANGLES = 50_000
+WIDTH_RANGE_MM = (20.0, 200.0)
+"""Along x and y: wider than the view's middle, from which targets are drawn, or not wider than the plate."""
+HEIGHT_RANGE_MM = (5.0, 80.0)
+"""Along z: the stage must stay above the table at the largest working distance that is drawn."""
+
+_MAX_BYTES = 100 * 2**20
+_EDGE_FRACTION = 0.025
+"""Edges of the tetrahedra over the diagonal of the body's box: 4 mm for 110x110x28 mm, some 5 000 vertices."""
+_ENVELOPE_FRACTION = 1e-3
+"""Largest distance of the new surface from the given one over that diagonal."""
+_STOP_ENERGY = 50.0
+"""Where fTetWild stops to improve: the lattice carries the mechanics, so the tetrahedra need not be nearly regular."""
+_FILLER = """
+import json, sys
+import numpy as np, pytetwild
+surface = np.load("surface.npz")
+solid = pytetwild.tetrahedralize(surface["points"], surface["triangles"], num_threads=1, **json.loads(sys.argv[1]))
+np.savez("solid.npz", points=solid[0], tetrahedra=solid[1])
+"""
+_CROSSING_TOLERANCE_MM = 1e-4
+_UNDERSIDE_M = 0.001
+
+
+def load_phantom(path: Path | str) -> TissueMesh:
+    """Read a closed surface and make it a solid; on one machine, equal files make equal solids (`solid_store`).
+
+    Args:
+        path: A `.stl`, `.obj` or `.ply` file in millimetres, z up.
+
+    Raises:
+        MissingFileError: If there is no such file.
+        InvalidValueError: If it cannot be read, or is not one closed, oriented surface without self-intersections, of at most
+            `MAX_TRIANGLES` triangles and of a size within `WIDTH_RANGE_MM` and `HEIGHT_RANGE_MM`; or if the extra `mesh`
+            is not installed.
+    """
+    path = Path(path)
+    points, triangles = checked_surface(path)
+    settings: dict[str, Any] = {"edge_length_fac": _EDGE_FRACTION, "epsilon": _ENVELOPE_FRACTION, "stop_energy": _STOP_ENERGY}
+    recipe = f"pytetwild {version('pytetwild')} {settings}"
+    vertices, tetrahedra = stored_solid((points, triangles), recipe, lambda: _fill(path, points, triangles, settings))
+    return solid_from_tetrahedra(1e-3 * vertices, tetrahedra)
+
+
+def _fill(path: Path, points: Array, triangles: NDArray[np.int32], settings: dict[str, Any]) -> Solid:
+    """Fill a checked surface with tetrahedra; all in millimetres.
+
+    A process of its own does it, in a folder of its own: fTetWild leaves a file in the folder where it runs, and a body that
+    it cannot digest may end its process.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        np.savez(Path(folder) / "surface.npz", points=points, triangles=triangles)
+        command = [sys.executable, "-P", "-c", _FILLER, json.dumps(settings)]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603  our own code
+        if done.returncode != 0:
+            reason = (done.stderr.strip().splitlines() or [f"fTetWild ended with status {done.returncode}"])[-1]
+            raise InvalidValueError(f"phantom {path.name}", reason, "a body that fTetWild can fill")
+        with np.load(Path(folder) / "solid.npz") as solid:
+            vertices, tetrahedra = solid["points"], solid["tetrahedra"]
+    corners = vertices[tetrahedra]
+    volume = float(np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])).sum() / 6.0)
+    expected = _volume(points[triangles])
+    if not abs(volume - expected) < 0.03 * expected:
+        raise InvalidValueError(
+            f"volume of the tetrahedra that fill phantom {path.name}",
+            f"{volume:.0f} mm^3",
+            f"{expected:.0f} mm^3 within 3 %; walls thinner than {_EDGE_FRACTION:.1%} of the diagonal cannot be filled",
+        )
+    return vertices, tetrahedra.astype(np.int32)
+
+
+def checked_surface(path: Path) -> tuple[Array, NDArray[np.int32]]:
+    """Read and check a surface: points (n, 3) in millimetres and triangles (m, 3), anticlockwise from outside.
+
+    Raises:
+        MissingFileError: As `load_phantom`.
+        InvalidValueError: As `load_phantom`.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise InvalidValueError("suffix of the phantom's file", path.suffix, " or ".join(SUFFIXES))
+    if not path.is_file():
+        raise MissingFileError("phantom", path, f"give the path of a closed surface in millimetres ({', '.join(SUFFIXES)})")
+    surface = _read(path)
+    name = f"phantom {path.name}"
+    points, triangles = np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int32)
+    _check_size(name, points, triangles)
+    _check_closed(name, triangles, oriented=bool(surface.is_winding_consistent))
+    crossing = crossing_triangles(points, triangles, tolerance=_CROSSING_TOLERANCE_MM)
+    if crossing is not None:
+        where = points[triangles[crossing[0]]].mean(axis=0).round(1).tolist()
+        raise InvalidValueError(
+            name, f"self-intersecting near {where} mm", "a surface that does not cross itself; repair it first"
+        )
+    return points, triangles if _volume(points[triangles]) > 0.0 else triangles[:, ::-1].copy()
+
+
+def solid_from_tetrahedra(points: Array, tetrahedra: NDArray[np.int32]) -> TissueMesh:
+    """Place a solid on the plate and find its surface.
+
+    The top are the triangles that a straight look down sees; all others but the underside, which lies on the plate, are sides.
+
+    Args:
+        points: (n, 3), metres, z up, anywhere.
+        tetrahedra: (m, 4), of either orientation.
+    """
+    low, high = points.min(axis=0), points.max(axis=0)
+    points = points - np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]])
+    tetrahedra = np.array(tetrahedra, dtype=np.int32)
+    corners = points[tetrahedra]
+    turned = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
+    tetrahedra[turned] = tetrahedra[turned][:, [0, 2, 1, 3]]
+    # Three corners of a positive tetrahedron are anticlockwise from outside in these orders.
+    faces = np.concatenate([tetrahedra[:, order] for order in ([1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1])])
+    _, first, uses = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    shell = faces[first[uses == 1]]
+    normals = _normals(points[shell])
+    underside = (normals[:, 2] < 0.0) & np.all(points[shell, 2] < _UNDERSIDE_M, axis=1)
+    shell, normals = shell[~underside], normals[~underside]
+    top = _seen_from_above(points[shell], normals)
+    triangles = np.concatenate([shell[top], shell[~top]])
+    top_vertices = np.unique(shell[top])
+    surface = np.concatenate([top_vertices, np.setdiff1d(shell[~top], top_vertices)]).astype(np.int32)
+    place = np.full(len(points), -1, dtype=np.int32)
+    place[surface] = np.arange(surface.size, dtype=np.int32)
+    return TissueMesh(
+        points=points,
+        tetrahedra=tetrahedra,
+        surface_vertices=surface,
+        triangles=place[triangles],
+        top_triangle_count=int(top.sum()),
+    )
+
+
+def mean_top_height(mesh: TissueMesh) -> float:
+    """Return the mean height above the plate, in metres, of what a straight look down sees, averaged over the plan."""
+    corners = mesh.points[mesh.surface_vertices][mesh.triangles[: mesh.top_triangle_count]]
+    plan = _normals(corners)[:, 2]
+    return float(np.sum(plan * corners[:, :, 2].mean(axis=1)) / plan.sum())
+
+
+def _read(path: Path) -> Any:
+    try:
+        import pytetwild  # noqa: F401  the second half of the extra; better missed before a long check than after
+        import trimesh
+    except ImportError as error:
+        raise InvalidValueError(
+            "phantom", str(path), f"None, as package {error.name!r} is missing; install it with: pip install 'laploop[mesh]'"
+        ) from error
+    if path.stat().st_size > _MAX_BYTES:
+        raise InvalidValueError(f"length of {path}", f"{path.stat().st_size} bytes", f"at most {_MAX_BYTES}")
+    try:
+        surface = trimesh.load_mesh(path, process=True)
+        surface.merge_vertices(merge_tex=True, merge_norm=True)
+        surface.faces  # noqa: B018  a cloud of points has none, and should fail here
+    except Exception as error:
+        # Parsers of strangers' files raise whatever they like.
+        reason = f"{type(error).__name__}: {error}"
+        raise InvalidValueError(f"phantom {path.name}", reason, f"a readable triangle mesh ({', '.join(SUFFIXES)})") from error
+    return surface
+
+
+def _check_size(name: str, points: Array, triangles: NDArray[np.int32]) -> None:
+    if not 4 <= len(triangles) <= MAX_TRIANGLES:
+        raise InvalidValueError(f"number of triangles of {name}", len(triangles), f"4 to {MAX_TRIANGLES}; simplify it first")
+    if not np.isfinite(points).all():
+        raise InvalidValueError(name, "a mesh with NaN or infinity", "finite millimetres")
+    size = np.ptp(points[np.unique(triangles)], axis=0)
+    for axis, extent, (low, high) in zip("xyz", size, (WIDTH_RANGE_MM, WIDTH_RANGE_MM, HEIGHT_RANGE_MM), strict=True):
+        if not low <= extent <= high:
+            raise InvalidValueError(f"size of {name} along {axis}", f"{extent:.6g} mm", f"{low:g} to {high:g} mm (z is up)")
+
+
+def _check_closed(name: str, triangles: NDArray[np.int32], *, oriented: bool) -> None:
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    _, uses = np.unique(edges, axis=0, return_counts=True)
+    if np.any(uses != 2):
+        allowed = "0: a closed surface, two triangles at every edge; fill its holes first"
+        raise InvalidValueError(f"number of open or overcrowded edges of {name}", int((uses != 2).sum()), allowed)
+    if not oriented:
+        raise InvalidValueError(f"orientation of {name}", "mixed", "all triangles anticlockwise from outside")
+    bodies = _connected(triangles)
+    if bodies != 1:
+        raise InvalidValueError(f"number of separate surfaces of {name}", bodies, "1: a single body without cavities")
+
+
+def _connected(triangles: NDArray[np.int32]) -> int:
+    """Return the number of pieces that hang together by corners."""
+    used, index = np.unique(triangles, return_inverse=True)
+    index = index.reshape(-1, 3)
+    links = (np.concatenate([index[:, 0], index[:, 1]]), np.concatenate([index[:, 1], index[:, 2]]))
+    graph = sparse.coo_matrix((np.ones(links[0].size), links), shape=(used.size, used.size))
+    return int(sparse.csgraph.connected_components(graph, directed=False, return_labels=False))
+
+
+def _volume(corners: Array) -> float:
+    """Return the volume inside triangles (m, 3, 3) that are anticlockwise from outside."""
+    return float(np.linalg.det(corners - corners[0, 0]).sum() / 6.0)
+
+
+def _normals(corners: Array) -> Array:
+    """Return the outward normals of triangles (m, 3, 3), each as long as its area."""
+    return np.asarray(0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+
+
+def _seen_from_above(corners: Array, normals: Array) -> NDArray[np.bool_]:
+    """Tell which triangles (m, 3, 3) face up and have no other one above their middle."""
+    seen: NDArray[np.bool_] = normals[:, 2] > 1e-3 * np.linalg.norm(normals, axis=1)
+    rows = np.flatnonzero(seen)
+    middles = corners[rows].mean(axis=1)
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    for k in rows:
+        # Middles in this triangle's box and below its highest point; then below its plane, inside its outline.
+        near = rows[
+            np.all((middles[:, :2] >= low[k, :2]) & (middles[:, :2] <= high[k, :2]), axis=1) & (middles[:, 2] < high[k, 2])
+        ]
+        near = near[near != k]
+        if near.size == 0:
+            continue
+        point = corners[near].mean(axis=1)
+        edges = np.roll(corners[k], -1, axis=0) - corners[k]
+        offsets = point[:, None, :2] - corners[k, :, :2]
+        inside = np.all(edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0] > 0.0, axis=1)
+        below = (point - corners[k, 0]) @ normals[k] < 0.0
+        seen[near[inside & below]] = False
+    return seen

@@ -1,0 +1,290 @@
+"""A user's closed surface becomes a solid like the built-in one; anything else is refused with the reason."""
+
+import builtins
+
+import numpy as np
+import pytest
+import trimesh
+
+from laploop.assets import phantom_mesh
+from laploop.assets.phantom_mesh import checked_surface, load_phantom, mean_top_height, solid_from_tetrahedra
+from laploop.assets.self_intersection import crossing_triangles
+from laploop.assets.solid_store import cache_folder
+from laploop.errors import InvalidValueError, MissingFileError
+
+
+def box(x=60.0, y=50.0, z=20.0, at=(0.0, 0.0, 0.0)):
+    mesh = trimesh.creation.box((x, y, z))
+    mesh.apply_translation(at)
+    return mesh
+
+
+def saved(mesh, folder, suffix="stl"):
+    path = folder / f"body.{suffix}"
+    mesh.export(path)
+    return path
+
+
+def dome():
+    mesh = trimesh.creation.icosphere(subdivisions=3)
+    mesh.vertices[:, 2] = np.maximum(mesh.vertices[:, 2], 0.0)
+    # The lower half, pressed flat, is the underside.
+    mesh.apply_scale((40.0, 40.0, 25.0))
+    return mesh
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def solid(cache, tmp_path_factory):
+    mesh = dome()
+    mesh.apply_translation((10.0, -20.0, 300.0))
+    return load_phantom(saved(mesh, tmp_path_factory.mktemp("dome")))
+
+
+def test_solid_is_centred_on_the_plate_in_metres(solid):
+    low, high = solid.points.min(axis=0), solid.points.max(axis=0)
+    # Metres: the mesher keeps to within a thousandth of the diagonal, 0.12 mm.
+    np.testing.assert_allclose(low, [-0.040, -0.040, 0.0], atol=2e-4)
+    np.testing.assert_allclose(high, [0.040, 0.040, 0.025], atol=4e-4)
+    np.testing.assert_allclose(low[:2], -high[:2], atol=1e-12)
+
+
+def test_tetrahedra_are_positive_and_fill_the_body(solid):
+    corners = solid.points[solid.tetrahedra]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
+    assert volumes.min() > 0.0
+    # A tenth of a millimetre of skin over an 80 mm dome.
+    np.testing.assert_allclose(volumes.sum(), dome().volume * 1e-9, rtol=0.01)
+
+
+def test_visible_surface_is_the_dome_turned_outwards(solid):
+    points = solid.points[solid.surface_vertices]
+    corners = points[solid.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    middles = corners.mean(axis=1)
+    exact = middles / np.array([0.040, 0.040, 0.025]) ** 2
+    cosine = np.sum(normals * exact, axis=1) / np.linalg.norm(normals, axis=1) / np.linalg.norm(exact, axis=1)
+    high = middles[:, 2] > 0.005
+    # Facets of 3 mm on a dome of 80 mm, above its sharp rim.
+    assert np.degrees(np.arccos(cosine[high].min())) < 12.0
+    assert high.mean() > 0.5
+
+
+def test_top_comes_first_and_its_mean_height_is_that_of_the_half_ellipsoid(solid):
+    top = solid.triangles[: solid.top_triangle_count]
+    assert np.unique(top).size == top.max() + 1
+    assert np.unique(solid.triangles).size == len(solid.surface_vertices)
+    # Two thirds of the height; metres.
+    assert mean_top_height(solid) == pytest.approx(2.0 / 3.0 * 0.025, abs=3e-4)
+
+
+def test_shape_under_an_overhang_does_not_count_as_top():
+    # A wide slab on a narrow foot, as tetrahedra around the middle of each box.
+    points, tetrahedra = [], []
+    for part in (box(0.02, 0.02, 0.01, (0, 0, 0.005)), box(0.06, 0.06, 0.01, (0, 0, 0.03))):
+        start = len(points)
+        points += [*part.vertices, part.vertices.mean(axis=0)]
+        tetrahedra += [[*(start + face), start + len(part.vertices)] for face in part.faces]
+    mesh = solid_from_tetrahedra(np.array(points), np.array(tetrahedra))
+    top = mesh.points[mesh.surface_vertices][mesh.triangles[: mesh.top_triangle_count]]
+    assert len(top) == 2
+    np.testing.assert_allclose(top[..., 2], 0.035, atol=1e-12)
+    assert mean_top_height(mesh) == pytest.approx(0.035)
+
+
+def test_mesher_leaves_nothing_behind_and_its_failure_is_told(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    path = saved(box(30.0, 30.0, 12.0), tmp_path)
+    monkeypatch.setattr(phantom_mesh, "_EDGE_FRACTION", 0.1)
+    load_phantom(path)
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["body.stl", "cache"]
+    monkeypatch.setattr(phantom_mesh, "_EDGE_FRACTION", -1.0)
+    with pytest.raises(InvalidValueError, match=r"phantom body\.stl is 'ValueError.*allowed: a body that fTetWild can fill"):
+        load_phantom(path)
+
+
+@pytest.fixture
+def fills(monkeypatch):
+    """Replace the mesher by one that gives another solid at each call, and count its calls."""
+    calls = []
+
+    def fill(_path, points, triangles, _settings):
+        calls.append(len(calls))
+        points = np.concatenate([points, [points.mean(axis=0) + [0.001 * len(calls), 0.0, 0.0]]])
+        return points, np.column_stack([triangles, np.full(len(triangles), len(points) - 1)]).astype(np.int32)
+
+    monkeypatch.setattr(phantom_mesh, "_fill", fill)
+    return calls
+
+
+def test_equal_files_give_equal_bits_from_the_cache(tmp_path, monkeypatch, fills):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    path = saved(box(), tmp_path)
+    first, second = load_phantom(path), load_phantom(path)
+    assert len(fills) == 1
+    np.testing.assert_array_equal(first.points, second.points)
+    np.testing.assert_array_equal(first.tetrahedra, second.tetrahedra)
+    assert [kept.suffix for kept in cache_folder().iterdir()] == [".npz"]
+    load_phantom(saved(box(x=61.0), tmp_path))
+    assert len(fills) == 2
+
+
+def test_damaged_copy_in_the_cache_is_made_anew(tmp_path, monkeypatch, fills):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    path = saved(box(), tmp_path)
+    load_phantom(path)
+    (kept,) = cache_folder().iterdir()
+    kept.write_bytes(b"PK broken")
+    second, third = load_phantom(path), load_phantom(path)
+    assert len(fills) == 2
+    np.testing.assert_array_equal(second.points, third.points)
+
+
+def test_cache_that_cannot_be_written_does_no_harm(tmp_path, monkeypatch, fills):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    path = saved(box(), tmp_path)
+    assert len(load_phantom(path).points) == len(load_phantom(path).points)
+    assert len(fills) == 2
+
+
+def test_solid_that_another_process_kept_first_is_taken(tmp_path, monkeypatch, fills):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    path = saved(box(), tmp_path)
+    slow, inner = phantom_mesh._fill, []
+
+    def overtaken(*arguments):
+        if not inner:
+            inner.append(None)
+            inner[0] = load_phantom(path)
+        return slow(*arguments)
+
+    monkeypatch.setattr(phantom_mesh, "_fill", overtaken)
+    np.testing.assert_array_equal(load_phantom(path).points, inner[0].points)
+    assert len(fills) == 2
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
+def test_every_format_gives_the_same_surface(tmp_path, suffix):
+    points, triangles = checked_surface(saved(dome(), tmp_path, suffix))
+    assert len(triangles) == len(dome().faces)
+    np.testing.assert_allclose(np.ptp(points, axis=0), [80.0, 80.0, 25.0], rtol=1e-5)
+
+
+def test_surface_turned_inside_out_is_turned_back(tmp_path):
+    mesh = box()
+    mesh.invert()
+    points, triangles = checked_surface(saved(mesh, tmp_path, "ply"))
+    assert np.linalg.det(points[triangles]).sum() > 0.0
+
+
+def open_box():
+    mesh = box()
+    mesh.update_faces(np.arange(len(mesh.faces)) != 3)
+    return mesh
+
+
+def mixed_box():
+    mesh = box()
+    mesh.faces[2] = mesh.faces[2][::-1]
+    return mesh
+
+
+def spiked_box():
+    mesh = box().subdivide()
+    # One vertex of the bottom pulled out through the top.
+    low = np.flatnonzero(np.isclose(mesh.vertices[:, 2], -10.0) & (np.abs(mesh.vertices[:, :2]) < 1.0).all(axis=1))
+    mesh.vertices[low, 2] = 15.0
+    return mesh
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (open_box, "open or overcrowded edges of phantom body.ply is 3; allowed: 0"),
+        (mixed_box, "orientation of phantom body.ply is 'mixed'"),
+        (spiked_box, "self-intersecting near"),
+        (lambda: trimesh.util.concatenate([box(), box(at=(70.0, 0.0, 0.0))]), "separate surfaces of phantom body.ply is 2"),
+        (lambda: box(x=0.06, y=0.05, z=0.02), "size of phantom body.ply along x is '0.06 mm'; allowed: 20 to 200 mm"),
+        (lambda: box(y=201.0), "along y is '201 mm'"),
+        (lambda: box(z=81.0), "along z is '81 mm'; allowed: 5 to 80 mm"),
+    ],
+)
+def test_unfit_surface_is_refused_with_the_reason(tmp_path, make, message):
+    with pytest.raises(InvalidValueError, match=message.replace("(", r"\(")):
+        checked_surface(saved(make(), tmp_path, "ply"))
+
+
+def test_too_many_triangles_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(phantom_mesh, "MAX_TRIANGLES", 100)
+    with pytest.raises(InvalidValueError, match=r"number of triangles of phantom body\.stl is 1280; allowed: 4 to 100"):
+        checked_surface(saved(dome(), tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("a.stl", b""), ("b.ply", b"not a mesh"), ("c.obj", b"\xff\xfe\x00"), ("d.stl", b"solid\n"), ("e.obj", b"v 0 0 0\n")],
+)
+def test_unreadable_or_empty_file_is_refused(tmp_path, name, content):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InvalidValueError, match=name):
+        checked_surface(tmp_path / name)
+
+
+def test_missing_file_unknown_suffix_and_folder_are_refused(tmp_path):
+    with pytest.raises(MissingFileError, match=r"none\.stl"):
+        checked_surface(tmp_path / "none.stl")
+    with pytest.raises(InvalidValueError, match=r"\.step.*allowed: \.stl or \.obj or \.ply"):
+        checked_surface(tmp_path / "part.step")
+    (tmp_path / "folder.ply").mkdir()
+    with pytest.raises(MissingFileError):
+        checked_surface(tmp_path / "folder.ply")
+
+
+def test_missing_extra_is_named_with_the_way_to_get_it(tmp_path, monkeypatch):
+    real = builtins.__import__
+
+    def without_mesher(name, *args, **kwargs):
+        if name == "pytetwild":
+            raise ModuleNotFoundError("No module named 'pytetwild'", name="pytetwild")
+        return real(name, *args, **kwargs)
+
+    path = saved(box(), tmp_path)
+    monkeypatch.setattr(builtins, "__import__", without_mesher)
+    with pytest.raises(InvalidValueError, match=r"pytetwild.*pip install 'laploop\[mesh\]'"):
+        checked_surface(path)
+
+
+def test_crossing_and_overlapping_triangles_are_found_and_touching_ones_are_not():
+    flat = [[0, 0, 0], [10, 0, 0], [0, 10, 0]]
+    cases = {
+        "pierced": ([[2, 2, -1], [2, 2, 1], [3, 3, 1]], True),
+        "in one plane": ([[1, 1, 0], [11, 1, 0], [1, 11, 0]], True),
+        "corner on the face": ([[2, 2, 0], [2, 2, 5], [4, 4, 5]], False),
+        "above": ([[2, 2, 0.001], [9, 2, 0.001], [2, 9, 0.001]], False),
+        "beside, in one plane": ([[10, 10, 0], [5.1, 5.1, 0], [10, 5, 0]], False),
+    }
+    for name, (other, expected) in cases.items():
+        found = crossing_triangles(np.array([*flat, *other], float), np.array([[0, 1, 2], [3, 4, 5]]), tolerance=1e-4)
+        assert (found is not None) == expected, name
+    # Neighbours at an edge: a hinge is fine however sharp, folded flat is not.
+    for height, expected in ((5.0, False), (0.5, False), (0.0, True)):
+        points = np.array([*flat, [1.0, 8.0, height]])
+        found = crossing_triangles(points, np.array([[0, 1, 2], [1, 0, 3]]), tolerance=1e-4)
+        assert (found is not None) == expected, height
+
+
+def test_crossing_does_not_depend_on_the_place_in_space():
+    rng = np.random.default_rng(0)
+    two_through_each_other = trimesh.util.concatenate([dome(), trimesh.creation.icosphere(2, 30.0)])
+    for mesh, expected in ((two_through_each_other, True), (trimesh.creation.icosphere(3, 40.0), False), (spiked_box(), True)):
+        for _ in range(3):
+            points = mesh.vertices @ np.linalg.qr(rng.standard_normal((3, 3)))[0] + rng.uniform(-100.0, 100.0, 3)
+            assert (crossing_triangles(points, mesh.faces, tolerance=1e-4) is not None) == expected
