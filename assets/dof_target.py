@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.errors import InvalidValueError
+from laploop.errors import InvalidValueError, check_range
 
 _PAPER = 1.0
 _INK = 0.15
@@ -64,8 +64,7 @@ class DepthOfFieldTarget:
             ("ruled_height_mm", 19.0, 100.0),
             ("margin_mm", 1.0, 50.0),
         ):
-            if not low <= getattr(self, name) <= high:
-                raise InvalidValueError(name, getattr(self, name), f"{low:g} to {high:g}")
+            check_range(name, getattr(self, name), low, high)
 
     @property
     def centre_mm(self) -> float:

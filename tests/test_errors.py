@@ -2,7 +2,7 @@ import pickle
 
 import pytest
 
-from laploop.errors import InvalidValueError, LaploopError, MissingFileError, UnknownNameError, WeightsError
+from laploop.errors import InvalidValueError, LaploopError, MissingFileError, UnknownNameError, WeightsError, check_range
 
 
 @pytest.mark.parametrize(
@@ -21,3 +21,11 @@ def test_an_error_is_one_of_ours_and_the_natural_builtin_and_survives_a_process_
         assert isinstance(each, builtin)
         assert str(each) == message
     assert type(copy) is type(error)
+
+
+def test_a_range_includes_its_ends_and_leaves_out_what_is_not_a_number():
+    for value in (0.0, 0.5, 1.0):
+        check_range("share", value, 0.0, 1.0)
+    for value in (-0.1, 1.1, float("nan")):
+        with pytest.raises(InvalidValueError, match="share is .*; allowed: 0 to 1"):
+            check_range("share", value, 0.0, 1.0)

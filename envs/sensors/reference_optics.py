@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_optics import OTHER, STAGE, TISSUE, TOOL, Material
-from laploop.errors import InvalidValueError, UnknownNameError
+from laploop.errors import InvalidValueError, UnknownNameError, check_range
 from laploop.perception.geometry import Intrinsics, Rig
 
 SAMPLINGS: Mapping[str, int] = MappingProxyType({"full": 1, "2x2": 2, "4x4": 4})
@@ -154,8 +154,7 @@ class ReferenceOptics:
             ("lens_blur_px", 0.0, 10.0),
             ("colour_noise", 0.0, 0.5),
         ):
-            if not low <= getattr(self, name) <= high:
-                raise InvalidValueError(name, getattr(self, name), f"{low:g} to {high:g}")
+            check_range(name, getattr(self, name), low, high)
 
     def ideal(self) -> "ReferenceOptics":
         """Return the same camera without errors: only what it or its projector cannot see is missing."""

@@ -9,15 +9,9 @@ from numpy.typing import NDArray
 
 from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.object_id import ObjectId
-from laploop.errors import InvalidValueError
+from laploop.errors import InvalidValueError, check_range
 
 _PLANCK_TIMES_LIGHT_SPEED_J_M = 6.62607015e-34 * 299792458.0
-
-
-def _check_range(name: str, value: float, low: float, high: float) -> None:
-    """Raise unless `value` is a number from `low` to `high`."""
-    if not low <= value <= high:
-        raise InvalidValueError(name, value, f"{low:g} to {high:g}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,10 +33,10 @@ class Material:
         Raises:
             InvalidValueError: If a field lies outside its range.
         """
-        _check_range("albedo", self.albedo, 0.0, 1.0)
-        _check_range("reflectance", self.reflectance, 0.0, 1.0)
-        _check_range("roughness", self.roughness, 0.02, 1.0)
-        _check_range("subsurface_fwhm_m", self.subsurface_fwhm_m, 0.0, 0.02)
+        check_range("albedo", self.albedo, 0.0, 1.0)
+        check_range("reflectance", self.reflectance, 0.0, 1.0)
+        check_range("roughness", self.roughness, 0.02, 1.0)
+        check_range("subsurface_fwhm_m", self.subsurface_fwhm_m, 0.0, 0.02)
 
 
 TISSUE = Material(albedo=0.4, reflectance=0.025, roughness=0.2, subsurface_fwhm_m=0.001)
@@ -127,7 +121,7 @@ class StripeOptics:
             ("full_well_electrons", 100.0, 1e6),
             ("read_noise_electrons", 0.0, 1000.0),
         ):
-            _check_range(name, getattr(self, name), low, high)
+            check_range(name, getattr(self, name), low, high)
         if self.bits != 8:
             raise InvalidValueError("bits", self.bits, "8")
 

@@ -60,3 +60,13 @@ class SimulationError(LaploopError, RuntimeError):
 
 class InfeasibleError(LaploopError, RuntimeError):
     """A control problem without a solution inside the limits."""
+
+
+def check_range(name: str, value: float, low: float, high: float) -> None:
+    """Raise unless the value of a field is a number from `low` to `high`.
+
+    Raises:
+        InvalidValueError: If it lies outside or is not a number.
+    """
+    if not low <= value <= high:
+        raise InvalidValueError(name, value, f"{low:g} to {high:g}")
