@@ -27,5 +27,5 @@ def test_a_range_includes_its_ends_and_leaves_out_what_is_not_a_number():
     for value in (0.0, 0.5, 1.0):
         check_range("share", value, 0.0, 1.0)
     for value in (-0.1, 1.1, float("nan")):
-        with pytest.raises(InvalidValueError, match="share is .*; allowed: 0 to 1"):
+        with pytest.raises(InvalidValueError, match=r"share is .*; allowed: 0 to 1"):
             check_range("share", value, 0.0, 1.0)
