@@ -1,0 +1,122 @@
+"""A checkerboard for the calibration of cameras."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.errors import InvalidValueError
+
+_PAPER = 1.0
+_INK = 0.1
+_MM = 1e-3
+
+
+class BoardSurface(NamedTuple):
+    """Triangles of the board in its own frame; no vertex is shared between cells."""
+
+    points: NDArray[np.float64]
+    """(n, 3), metres."""
+    triangles: NDArray[np.int32]
+    """(m, 3), rows of `points`; the printed side faces -z."""
+    albedo_factor: NDArray[np.float64]
+    """(n,): 1 on blank paper, less on ink, in between along the edges of the ink."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationBoard:
+    """A matte plane with dark and bright squares and a blank border.
+
+    Frame: origin at the first inner corner, x along the rows of corners, y down the columns, z into the plane; the printed
+    side faces -z, so that a camera that looks straight at it has parallel axes. The square left above the first corner is
+    dark; with an odd and an even number of squares along the two sides the one opposite is bright, and a picture tells which
+    corner is the first.
+
+    The default fills half of a 60 degree view at 95 mm, its squares 13 to 22 pixels wide at 120 to 70 mm with 256 pixels
+    across. Markers inside of such squares would have modules of 2 to 3 pixels, too few to be read: hence no ChArUco board.
+    """
+
+    columns: int = 8
+    """Squares along x."""
+    rows: int = 7
+    """Squares along y; one of the two numbers is even, the other odd."""
+    square_mm: float = 7.0
+    border_mm: float = 7.0
+    """Blank paper around the squares; detectors want about the width of a square."""
+    edge_mm: float = 0.4
+    """Width over which an edge passes from dark to bright. A ray caster samples a pixel at its centre; this stands for the
+    area of the pixel and the blur of the lens, which is about as wide. Corners stay where they are."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If a field lies outside its range.
+        """
+        for name in ("columns", "rows"):
+            if not 4 <= getattr(self, name) <= 40:
+                raise InvalidValueError(name, getattr(self, name), "an integer from 4 to 40")
+        if (self.columns + self.rows) % 2 == 0:
+            raise InvalidValueError("columns and rows", (self.columns, self.rows), "an even and an odd number")
+        for name, low, high in (("square_mm", 1.0, 200.0), ("border_mm", self.edge_mm, 200.0)):
+            if not low <= getattr(self, name) <= high:
+                raise InvalidValueError(name, getattr(self, name), f"{low:g} to {high:g}")
+        if not 0.01 <= self.edge_mm <= 0.5 * self.square_mm:
+            raise InvalidValueError("edge_mm", self.edge_mm, f"0.01 to {0.5 * self.square_mm:g}, half a square")
+
+    @property
+    def corner_grid(self) -> tuple[int, int]:
+        """Inner corners along x and along y."""
+        return self.columns - 1, self.rows - 1
+
+    @property
+    def corners(self) -> NDArray[np.float64]:
+        """Inner corners in the board's frame, (n, 3) in metres, row by row."""
+        across, down = self.corner_grid
+        grid_y, grid_x = np.mgrid[:down, :across] * (self.square_mm * _MM)
+        return np.column_stack([grid_x.ravel(), grid_y.ravel(), np.zeros(across * down)])
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Width and height with the border."""
+        square, border = self.square_mm * _MM, self.border_mm * _MM
+        return self.columns * square + 2.0 * border, self.rows * square + 2.0 * border
+
+    @property
+    def centre(self) -> NDArray[np.float64]:
+        """Middle of the board in its frame, (3,), metres."""
+        return np.array([0.5 * self.columns - 1.0, 0.5 * self.rows - 1.0, 0.0]) * (self.square_mm * _MM)
+
+    def surface(self) -> BoardSurface:
+        """Return the board's triangles.
+
+        The lines of the grid lie half an edge to either side of each border of ink, so that the albedo, which is interpolated
+        inside a triangle, is even on the squares and a ramp across the edges. A vertex in the middle of each cell keeps the
+        pattern symmetric about the corners.
+        """
+        x, shade_x = self._lines(self.columns)
+        y, shade_y = self._lines(self.rows)
+        # The signs of the two directions multiply to that of a square; the border has none and is paper.
+        sign = shade_x[:, None] * shade_y
+        albedo = np.where(sign > 0.0, _INK, _PAPER)
+        i, j = (index.ravel() for index in np.meshgrid(np.arange(len(x) - 1), np.arange(len(y) - 1), indexing="ij"))
+        around = ((i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1))
+        points = np.zeros((len(i), 5, 3))
+        factor = np.zeros((len(i), 5))
+        for corner, (column, row) in enumerate(around):
+            points[:, corner, 0], points[:, corner, 1], factor[:, corner] = x[column], y[row], albedo[column, row]
+        points[:, 4], factor[:, 4] = points[:, :4].mean(axis=1), factor[:, :4].mean(axis=1)
+        first = 5 * np.arange(len(i), dtype=np.int32)[:, None, None]
+        # Wound so that the normals point to -z, to the camera.
+        fan = np.array([[1, 0, 4], [2, 1, 4], [3, 2, 4], [0, 3, 4]], dtype=np.int32)
+        return BoardSurface(points.reshape(-1, 3) * _MM, (first + fan).reshape(-1, 3), factor.ravel())
+
+    def _lines(self, squares: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the lines across one direction in mm, and the sign of the square beside each: 1, -1, ... and 0 outside."""
+        borders = (np.arange(squares + 1) - 1.0) * self.square_mm
+        half = 0.5 * self.edge_mm
+        lines = np.stack([borders - half, borders + half], axis=1).ravel()
+        signs = np.concatenate([[0.0], np.repeat((-1.0) ** np.arange(squares), 2), [0.0]])
+        outer = np.concatenate([[borders[0] - self.border_mm], lines, [borders[-1] + self.border_mm]])
+        return outer, np.concatenate([[0.0], signs, [0.0]])

@@ -1,0 +1,97 @@
+"""Finding the corners of a calibration board in a picture."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.assets.calibration_board import CalibrationBoard
+from laploop.errors import InvalidValueError
+
+Array = NDArray[np.float64]
+
+_OPENCV_CENTRE = 0.5
+"""OpenCV's first pixel has its centre at 0, ours at 0.5. Corners are shifted here, where they come from OpenCV, and nowhere
+else: its solvers take pixels as they are, so that what they return follows our convention."""
+_WINDOW_OF_SQUARE = 0.35
+"""Half-width of the window in which a corner is refined, in squares: no other edge comes into it."""
+_ATTEMPTS = (
+    cv2.CALIB_CB_EXHAUSTIVE,
+    cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE,
+)
+"""Flags, tried in turn. Equal histograms bring out a board in dim light, but make texture of the noise of a dark surround, and
+hide others: each alone loses views that the other finds."""
+
+
+def find_corners(image: NDArray[np.uint8], board: CalibrationBoard) -> Array | None:
+    """Find the inner corners of a board to a fraction of a pixel.
+
+    Duda and Frese's detector finds the grid; where its edges cross is then refined on the picture's gradients.
+
+    Args:
+        image: (H, W) grey, or (H, W, 3 or 4) with red, green and blue first.
+        board: Of the picture; all its squares must be seen.
+
+    Returns:
+        (n, 2) pixels in the order of `board.corners`, pixel centres at +0.5; None where the board is not found.
+
+    Raises:
+        InvalidValueError: If the array is not such an image.
+    """
+    grey = _grey(image)
+    across, down = board.corner_grid
+    for flags in _ATTEMPTS:
+        found, raw = cv2.findChessboardCornersSB(grey, (across, down), flags=flags)
+        if found:
+            break
+    else:
+        return None
+    coarse = np.asarray(raw, dtype=np.float32).reshape(down, across, 2)
+    square_px = min(_shortest(np.diff(coarse, axis=0)), _shortest(np.diff(coarse, axis=1)))
+    half = max(2, int(_WINDOW_OF_SQUARE * square_px))
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
+    fine = cv2.cornerSubPix(grey, coarse.reshape(-1, 1, 2), (half, half), (-1, -1), stop)
+    return _in_order(np.asarray(fine, dtype=np.float64).reshape(down, across, 2), grey).reshape(-1, 2) + _OPENCV_CENTRE
+
+
+def find_corners_of_views(images: Sequence[NDArray[np.uint8]], board: CalibrationBoard) -> list[Array]:
+    """Find the corners in each of several pictures; see `find_corners`.
+
+    Raises:
+        InvalidValueError: If the board is not found in one of them; names all such views.
+    """
+    views = [find_corners(image, board) for image in images]
+    lost = [index for index, corners in enumerate(views) if corners is None]
+    if lost:
+        allowed = f"pictures that show all {board.columns} x {board.rows} squares of the board; leave those views out"
+        raise InvalidValueError("views without the board", lost, allowed)
+    return [corners for corners in views if corners is not None]
+
+
+def _grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return a picture's grey values, (H, W)."""
+    if image.dtype != np.uint8 or not (image.ndim == 2 or (image.ndim == 3 and image.shape[2] in {3, 4})):
+        shown = f"{image.dtype} of shape {image.shape}"
+        raise InvalidValueError("image", shown, "uint8 of shape (H, W), (H, W, 3) or (H, W, 4)")
+    if image.ndim == 2:
+        return np.ascontiguousarray(image)
+    grey: NDArray[np.uint8] = np.round(image[..., :3].mean(axis=2)).astype(np.uint8)
+    return grey
+
+
+def _shortest(steps: NDArray[np.float32]) -> float:
+    return float(np.linalg.norm(steps, axis=-1).min())
+
+
+def _in_order(corners: Array, grey: NDArray[np.uint8]) -> Array:
+    """Put detected corners (down, across, 2) into the order of the board's: not mirrored, and not turned by half a turn."""
+    along, downwards = corners[0, -1] - corners[0, 0], corners[-1, 0] - corners[0, 0]
+    if along[0] * downwards[1] - along[1] * downwards[0] < 0.0:
+        corners = corners[::-1]
+    middles = 0.25 * (corners[:-1, :-1] + corners[1:, :-1] + corners[:-1, 1:] + corners[1:, 1:])
+    column, row = np.moveaxis(np.round(middles).astype(np.intp), -1, 0)
+    values = grey[np.clip(row, 0, grey.shape[0] - 1), np.clip(column, 0, grey.shape[1] - 1)].astype(np.float64)
+    # Seen from its first corner, the first square within the corners is dark, as the one left above is.
+    even = np.add.outer(np.arange(values.shape[0]), np.arange(values.shape[1])) % 2 == 0
+    return corners if values[even].mean() < values[~even].mean() else corners[::-1, ::-1]

@@ -1,0 +1,153 @@
+"""`calibration.json`: a calibration that a bench, or the simulator, can write and everybody read.
+
+The file holds, in metres and pixels (centre of the first pixel at (0.5, 0.5), as `units` says):
+
+    schema, version, units
+    cameras.scope, cameras.reference:
+        width, height, fx, fy, cx, cy, distortion {k1, k2, p1, p2, k3}, view_errors_px, camera_from_board
+    transforms.scope_from_reference: 4x4, row by row
+    view_errors_px: of the pairs of views
+
+Other keys may stand beside these; they are left alone and not kept.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from laploop.errors import InvalidValueError, MissingFileError, OutputError
+from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
+from laploop.perception.geometry import Intrinsics
+from laploop.perception.reprojection import BrownDistortion
+
+SCHEMA = "laploop calibration"
+VERSION = 1
+UNITS = {"length": "m", "pixel": "px, the centre of the first pixel is (0.5, 0.5)"}
+
+
+def save_calibration(path: Path, calibration: StereoCalibration) -> None:
+    """Write a calibration to `path`; the file appears whole or not at all, and an older one stays until then.
+
+    Raises:
+        OutputError: If the file cannot be written.
+    """
+    content = {
+        "schema": SCHEMA,
+        "version": VERSION,
+        "units": UNITS,
+        "cameras": {"scope": _camera_as_dict(calibration.scope), "reference": _camera_as_dict(calibration.reference)},
+        "transforms": {"scope_from_reference": calibration.scope_from_reference.tolist()},
+        "view_errors_px": list(calibration.view_errors_px),
+    }
+    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with partial.open("w", encoding="utf-8") as stream:
+            stream.write(json.dumps(content, indent=2, allow_nan=False) + "\n")
+            stream.flush()
+            os.fsync(stream.fileno())
+        partial.replace(path)
+    except OSError as error:
+        # What cannot be removed either (a folder turned read-only, say) must not hide the first error.
+        try:
+            partial.unlink(missing_ok=True)
+        except OSError as second:
+            error.add_note(f"{partial} is left behind: {second}")
+        raise OutputError(f"cannot write the calibration to {path}: {error}") from error
+
+
+def load_calibration(path: Path) -> StereoCalibration:
+    """Read a calibration.
+
+    Raises:
+        MissingFileError: If there is no such file.
+        InvalidValueError: If it is not JSON, of another schema or version or in other units, lacks a field, or a field holds
+            something impossible; names the field.
+    """
+    if not path.is_file():
+        raise MissingFileError("calibration", path, "give the calibration.json of a bench or of the simulator")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+    except (OSError, ValueError) as error:
+        raise InvalidValueError("calibration", str(path), f"a JSON file that can be read ({error})") from error
+    if not isinstance(content, Mapping) or content.get("schema") != SCHEMA:
+        raise InvalidValueError("calibration", str(path), f"a JSON object with schema {SCHEMA!r}")
+    if content.get("version") != VERSION:
+        raise InvalidValueError(f"version of {path}", content.get("version"), f"{VERSION}")
+    if content.get("units") != UNITS:
+        raise InvalidValueError(f"units of {path}", content.get("units"), f"{UNITS}")
+    try:
+        return StereoCalibration(
+            scope=_camera(_field(content, "cameras", "scope")),
+            reference=_camera(_field(content, "cameras", "reference")),
+            scope_from_reference=_array(_field(content, "transforms", "scope_from_reference")),
+            view_errors_px=_numbers(_field(content, "view_errors_px")),
+        )
+    except InvalidValueError as error:
+        raise InvalidValueError("calibration", str(path), f"a complete and valid one ({error})") from error
+
+
+def _camera_as_dict(camera: CameraCalibration) -> dict[str, Any]:
+    return {
+        **asdict(camera.intrinsics),
+        "distortion": asdict(camera.distortion),
+        "view_errors_px": list(camera.view_errors_px),
+        "camera_from_board": camera.camera_from_board.tolist(),
+    }
+
+
+def _camera(content: Any) -> CameraCalibration:
+    sizes = {name: _number(_field(content, name)) for name in ("width", "height")}
+    for name, size in sizes.items():
+        if size != int(size):
+            raise InvalidValueError(name, size, "a whole number of pixels")
+    numbers = {name: _number(_field(content, name)) for name in ("fx", "fy", "cx", "cy")}
+    return CameraCalibration(
+        intrinsics=Intrinsics(width=int(sizes["width"]), height=int(sizes["height"]), **numbers),
+        distortion=BrownDistortion(
+            **{name: _number(_field(content, "distortion", name)) for name in ("k1", "k2", "p1", "p2", "k3")}
+        ),
+        view_errors_px=_numbers(_field(content, "view_errors_px")),
+        camera_from_board=_array(_field(content, "camera_from_board")),
+    )
+
+
+def _field(content: Any, *names: str) -> Any:
+    """Return a field of nested objects.
+
+    Raises:
+        InvalidValueError: If one of them is missing.
+    """
+    for depth, name in enumerate(names):
+        if not isinstance(content, Mapping) or name not in content:
+            raise InvalidValueError("missing field", ".".join(names[: depth + 1]), "files that have it")
+        content = content[name]
+    return content
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InvalidValueError("number", value, "a JSON number")
+    return float(value)
+
+
+def _numbers(value: Any) -> tuple[float, ...]:
+    if not isinstance(value, list):
+        raise InvalidValueError("list of numbers", value, "a JSON list")
+    return tuple(_number(entry) for entry in value)
+
+
+def _array(value: Any) -> Any:
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidValueError("matrix", value, "rows of numbers, all of one length") from error
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is not a number")

@@ -1,0 +1,185 @@
+"""From corners in several views to cameras and the transform between them, by OpenCV's bundle adjustment."""
+
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.assets.calibration_board import CalibrationBoard
+from laploop.errors import InvalidValueError
+from laploop.perception.calibration.results import CameraCalibration, StereoCalibration, check_view_count
+from laploop.perception.geometry import Intrinsics
+from laploop.perception.reprojection import BrownDistortion
+
+Array = NDArray[np.float64]
+
+COEFFICIENTS = ("k1", "k2", "p1", "p2")
+"""Distortion coefficients that can be estimated. Across the fields of view of such cameras, a k3 cannot be told from a k2."""
+
+_STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-12)
+_SIGNIFICANT = 3.0
+"""Standard deviations that a coefficient must differ from zero by to be kept."""
+_LEAST_TILT_DEG = 15.0
+"""Angle between the two views of the board that differ most. Of a board that never tilts, distance and focal length cannot be
+told apart; at this angle, with corners good to 0.05 px, eight views give the focal length to 1 %."""
+
+
+def calibrate_camera(
+    views: Sequence[Array],
+    board: CalibrationBoard,
+    *,
+    width: int,
+    height: int,
+    coefficients: Collection[str] | None = None,
+) -> CameraCalibration:
+    """Estimate intrinsics, distortion and the poses of the board.
+
+    Args:
+        views: The board's corners in each picture, (n, 2), as `find_corners` returns them.
+        board: Their positions.
+        width: Of the pictures.
+        height: Of the pictures.
+        coefficients: Names of the distortion coefficients to estimate, p1 and p2 together, the others being zero. By default
+            those that the views show: p1 and p2 are dropped if neither is three standard deviations from zero, then k2, then
+            k1, for a coefficient that cannot be observed only spoils the principal point and the focal length.
+
+    Raises:
+        InvalidValueError: If there are too few views, corners are missing, a coefficient is unknown, or the views do not
+            determine the camera.
+    """
+    check_view_count(len(views))
+    pixels = [_checked(corners, board) for corners in views]
+    unknown = sorted(set(coefficients or ()) - set(COEFFICIENTS))
+    if unknown or len({"p1", "p2"} & set(coefficients or ())) == 1:
+        raise InvalidValueError("coefficients", sorted(coefficients or ()), "k1, k2, and the pair p1 and p2")
+    size = (width, height)
+    if coefficients is not None:
+        return _solve(pixels, board, size, frozenset(coefficients))[0]
+    kept = frozenset(COEFFICIENTS)
+    for group in (frozenset({"p1", "p2"}), frozenset({"k2"}), frozenset({"k1"})):
+        found, deviations = _solve(pixels, board, size, kept)
+        if all(abs(getattr(found.distortion, name)) < _SIGNIFICANT * deviations[name] for name in group):
+            kept -= group
+        elif "k2" in group:
+            # With a k2 goes a k1.
+            return found
+    return _solve(pixels, board, size, kept)[0]
+
+
+def calibrate_stereo(
+    scope_views: Sequence[Array],
+    reference_views: Sequence[Array],
+    board: CalibrationBoard,
+    *,
+    scope: CameraCalibration,
+    reference: CameraCalibration,
+) -> StereoCalibration:
+    """Estimate where two calibrated cameras are from each other; their intrinsics stay as they are.
+
+    Args:
+        scope_views: The board's corners in the scope's pictures, (n, 2) each.
+        reference_views: The same in those that the reference camera took at the same time.
+        board: Their positions.
+        scope: The scope's camera.
+        reference: The reference camera.
+
+    Raises:
+        InvalidValueError: If there are too few views, not as many of both, corners are missing, or the views do not determine
+            the transform.
+    """
+    check_view_count(len(scope_views))
+    if len(reference_views) != len(scope_views):
+        allowed = f"{len(scope_views)}, as many as of the scope"
+        raise InvalidValueError("number of the reference camera's views", len(reference_views), allowed)
+    in_scope = [_checked(corners, board) for corners in scope_views]
+    in_reference = [_checked(corners, board) for corners in reference_views]
+    size = (scope.intrinsics.width, scope.intrinsics.height)
+    # OpenCV's R and t lead from its first camera's frame to its second's.
+    try:
+        solution: Any = cv2.stereoCalibrateExtended(
+            _object_points(board, len(in_scope)),
+            in_reference,
+            in_scope,
+            reference.intrinsics.matrix,
+            _vector(reference.distortion),
+            scope.intrinsics.matrix,
+            _vector(scope.distortion),
+            size,
+            np.eye(3),
+            np.zeros((3, 1)),
+            flags=cv2.CALIB_FIX_INTRINSIC,
+            criteria=_STOP,
+        )
+    except cv2.error as error:
+        raise InvalidValueError("views", len(in_scope), f"views that determine the cameras' transform ({error.err})") from error
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = solution[5], solution[6].ravel()
+    per_camera = np.asarray(solution[-1], dtype=np.float64)
+    errors = np.sqrt((per_camera**2).mean(axis=1))
+    return StereoCalibration(
+        scope=scope,
+        reference=reference,
+        scope_from_reference=transform,
+        view_errors_px=tuple(float(error) for error in errors),
+    )
+
+
+def _solve(
+    pixels: list[NDArray[np.float32]], board: CalibrationBoard, size: tuple[int, int], kept: Collection[str]
+) -> tuple[CameraCalibration, dict[str, float]]:
+    """Calibrate with the given coefficients free; also return the coefficients' standard deviations."""
+    flags = cv2.CALIB_FIX_K3
+    for name, flag in (("k1", cv2.CALIB_FIX_K1), ("k2", cv2.CALIB_FIX_K2)):
+        flags |= 0 if name in kept else flag
+    flags |= 0 if {"p1", "p2"} & set(kept) else cv2.CALIB_ZERO_TANGENT_DIST
+    guess: Any = np.eye(3)
+    try:
+        solution: Any = cv2.calibrateCameraExtended(
+            _object_points(board, len(pixels)), pixels, size, guess, np.zeros(5), flags=flags, criteria=_STOP
+        )
+    except cv2.error as error:
+        raise InvalidValueError("views", len(pixels), f"views that determine the camera ({error.err})") from error
+    matrix, vector, turns, shifts, deviations, _, errors = solution[1:]
+    deviation = np.asarray(deviations).ravel()
+    poses = np.tile(np.eye(4), (len(pixels), 1, 1))
+    for pose, turn, shift in zip(poses, turns, shifts, strict=True):
+        pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], shift.ravel()
+    normals = poses[:, :3, 2]
+    tilt_deg = float(np.degrees(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0))))
+    if not (np.isfinite(matrix).all() and tilt_deg >= _LEAST_TILT_DEG):
+        allowed = f"at least {_LEAST_TILT_DEG:g}; tilt the board by 20 degrees and more, to all sides"
+        raise InvalidValueError("largest angle in degrees between two views of the board", round(tilt_deg, 1), allowed)
+    k1, k2, p1, p2 = (float(value) for value in np.asarray(vector).ravel()[:4])
+    found = CameraCalibration(
+        intrinsics=Intrinsics(
+            width=size[0],
+            height=size[1],
+            fx=float(matrix[0, 0]),
+            fy=float(matrix[1, 1]),
+            cx=float(matrix[0, 2]),
+            cy=float(matrix[1, 2]),
+        ),
+        distortion=BrownDistortion(k1=k1, k2=k2, p1=p1, p2=p2),
+        view_errors_px=tuple(float(error) for error in np.asarray(errors).ravel()),
+        camera_from_board=poses,
+    )
+    return found, dict(zip(COEFFICIENTS, (float(value) for value in deviation[4:8]), strict=True))
+
+
+def _object_points(board: CalibrationBoard, count: int) -> list[NDArray[np.float32]]:
+    return [board.corners.astype(np.float32)] * count
+
+
+def _vector(distortion: BrownDistortion) -> Array:
+    """Return the coefficients in OpenCV's order."""
+    return np.array([distortion.k1, distortion.k2, distortion.p1, distortion.p2, distortion.k3])
+
+
+def _checked(corners: Array, board: CalibrationBoard) -> NDArray[np.float32]:
+    """Return one view's corners as OpenCV wants them."""
+    count = len(board.corners)
+    if corners.shape != (count, 2) or not np.isfinite(corners).all():
+        raise InvalidValueError("shape of a view's corners", corners.shape, f"({count}, 2), finite pixels")
+    return corners.astype(np.float32)

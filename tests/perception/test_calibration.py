@@ -1,0 +1,291 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
+
+from laploop.assets.calibration_board import CalibrationBoard
+from laploop.errors import InvalidValueError, MissingFileError, OutputError
+from laploop.perception.calibration.board_corners import find_corners, find_corners_of_views
+from laploop.perception.calibration.calibration_file import load_calibration, save_calibration
+from laploop.perception.calibration.results import CameraCalibration, transform_residual
+from laploop.perception.calibration.solve import calibrate_camera, calibrate_stereo
+from laploop.perception.geometry import Intrinsics, invert_transform, transform_points
+from laploop.perception.reprojection import BrownDistortion
+
+BOARD = CalibrationBoard()
+SCOPE = Intrinsics(width=256, height=256, fx=223.1, fy=219.4, cx=130.3, cy=126.2)
+REFERENCE = Intrinsics(width=640, height=480, fx=610.0, fy=611.0, cx=317.0, cy=244.0)
+
+
+def pose(angles_deg, shift_m):
+    transform = np.eye(4)
+    transform[:3, :3] = Rotation.from_euler("xyz", angles_deg, degrees=True).as_matrix()
+    transform[:3, 3] = shift_m
+    return transform
+
+
+SCOPE_FROM_REFERENCE = pose((4.0, 28.0, -6.0), (-0.09, 0.004, 0.015))
+
+
+def board_poses(count, seed=1, tilt_deg=30.0):
+    """Poses of the board in front of the scope's camera, its middle on the axis or near."""
+    rng = np.random.default_rng(seed)
+    poses = []
+    for _ in range(count):
+        transform = pose(rng.uniform(-tilt_deg, tilt_deg, 3), np.zeros(3))
+        middle = [*rng.uniform(-0.01, 0.01, 2), rng.uniform(0.07, 0.12)]
+        transform[:3, 3] = middle - transform[:3, :3] @ BOARD.centre
+        poses.append(transform)
+    return poses
+
+
+def camera(intrinsics, distortion=None, count=5):
+    return CameraCalibration(
+        intrinsics=intrinsics,
+        distortion=distortion or BrownDistortion(),
+        view_errors_px=(0.1,) * count,
+        camera_from_board=np.tile(np.eye(4), (count, 1, 1)),
+    )
+
+
+def corners_in(model, poses):
+    return [model.project(transform_points(transform, BOARD.corners)) for transform in poses]
+
+
+def draw(model, camera_from_board, oversampling=4):
+    """Picture of the board in closed form: samples of each pixel, cast on the board's plane, and a lens's blur."""
+    k = model.intrinsics
+    steps = (np.arange(oversampling) + 0.5) / oversampling
+    u = (np.arange(k.width)[:, None] + steps).ravel()
+    v = (np.arange(k.height)[:, None] + steps).ravel()
+    rays = np.stack([*np.meshgrid((u - k.cx) / k.fx, (v - k.cy) / k.fy), np.ones((len(v), len(u)))], axis=-1)
+    board_from_camera = invert_transform(camera_from_board)
+    directions, origin = rays @ board_from_camera[:3, :3].T, board_from_camera[:3, 3]
+    x, y = np.moveaxis(origin[:2] - directions[..., :2] * (origin[2] / directions[..., 2:]), -1, 0) / (1e-3 * BOARD.square_mm)
+    column, row = np.floor(x).astype(int) + 1, np.floor(y).astype(int) + 1
+    on_squares = (column >= 0) & (column < BOARD.columns) & (row >= 0) & (row < BOARD.rows)
+    grey = np.where(on_squares & ((column + row) % 2 == 0), 20.0, 160.0)
+    grey[(np.abs(x + 1.0 - 4.0) > 5.0) | (np.abs(y + 1.0 - 3.5) > 4.5)] = 5.0
+    pixels = grey.reshape(k.height, oversampling, k.width, oversampling).mean(axis=(1, 3))
+    return gaussian_filter(pixels, 0.7).round().astype(np.uint8)  # the lens's blur
+
+
+@pytest.fixture(scope="module")
+def stereo():
+    """A calibration from exact corners."""
+    poses = board_poses(8)
+    views = {"scope": corners_in(camera(SCOPE), poses)}
+    in_reference = [invert_transform(SCOPE_FROM_REFERENCE) @ transform for transform in poses]
+    views["reference"] = corners_in(camera(REFERENCE), in_reference)
+    scope = calibrate_camera(views["scope"], BOARD, width=256, height=256)
+    reference = calibrate_camera(views["reference"], BOARD, width=640, height=480)
+    return calibrate_stereo(views["scope"], views["reference"], BOARD, scope=scope, reference=reference)
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 80.0, 170.0, 260.0])
+def test_corners_are_found_in_order_however_the_board_is_turned(turn_deg):
+    turned = pose((12.0, -15.0, turn_deg), (0.0, 0.0, 0.0))
+    turned[:3, 3] = [0.002, -0.003, 0.09] - turned[:3, :3] @ BOARD.centre
+    model = camera(SCOPE)
+    found = find_corners(draw(model, turned), BOARD)
+    # Without noise, from pixels a lens blurs: a fifth of a pixel at the worst corner (where edges run along the rows and all
+    # their pixels err alike), and no shift of all, which a mistaken pixel centre would make.
+    error = found - corners_in(model, [turned])[0]
+    assert np.abs(error).max() < 0.2
+    assert np.abs(error.mean(axis=0)).max() < 0.03
+
+
+def test_colour_pictures_give_the_same_corners():
+    grey = draw(camera(SCOPE), board_poses(1)[0])
+    alpha = np.full_like(grey, 255)
+    np.testing.assert_array_equal(
+        find_corners(np.dstack([grey, grey, grey, alpha]), BOARD),
+        find_corners(grey, BOARD),
+    )
+
+
+def test_views_without_the_board_are_named():
+    seen = draw(camera(SCOPE), board_poses(1)[0], oversampling=2)
+    hidden = seen.copy()
+    hidden[:, :130] = 0
+    assert find_corners(hidden, BOARD) is None
+    with pytest.raises(InvalidValueError, match=r"\[1, 3\].*all 8 x 7 squares"):
+        find_corners_of_views([seen, hidden, seen, np.zeros_like(seen)], BOARD)
+
+
+def test_what_is_no_picture_is_refused():
+    with pytest.raises(InvalidValueError, match=r"float64 of shape \(256, 256\)"):
+        find_corners(np.zeros((256, 256)), BOARD)
+
+
+def test_exact_corners_give_exact_intrinsics_and_poses():
+    poses = board_poses(10)
+    found = calibrate_camera(corners_in(camera(SCOPE), poses), BOARD, width=256, height=256)
+    for name in ("fx", "fy", "cx", "cy"):
+        # OpenCV takes corners as 32-bit floats, good for 1e-5 px each.
+        assert getattr(found.intrinsics, name) == pytest.approx(getattr(SCOPE, name), rel=1e-6)
+    assert (found.intrinsics.width, found.intrinsics.height) == (256, 256)
+    assert found.error_px < 1e-4
+    np.testing.assert_allclose(found.camera_from_board, poses, atol=1e-6)
+
+
+def test_distortion_is_found_where_there_is_some():
+    true = BrownDistortion(k1=-0.21, k2=0.07, p1=0.002, p2=-0.001)
+    found = calibrate_camera(corners_in(camera(SCOPE, true), board_poses(20)), BOARD, width=256, height=256)
+    for name in ("k1", "k2", "p1", "p2"):
+        assert getattr(found.distortion, name) == pytest.approx(getattr(true, name), abs=1e-4)
+    assert found.intrinsics.fx == pytest.approx(SCOPE.fx, rel=1e-5)
+
+
+def test_distortion_that_cannot_be_seen_is_left_out():
+    rng = np.random.default_rng(4)
+    noisy = [view + 0.05 * rng.standard_normal(view.shape) for view in corners_in(camera(SCOPE), board_poses(20))]
+    found = calibrate_camera(noisy, BOARD, width=256, height=256)
+    assert found.distortion == BrownDistortion()
+    # Two coordinates of 0.05 px a corner.
+    assert found.error_px == pytest.approx(0.05 * math.sqrt(2.0), rel=0.1)
+    free = calibrate_camera(noisy, BOARD, width=256, height=256, coefficients=("k1", "k2", "p1", "p2"))
+    assert free.distortion.k1 != 0.0
+    assert free.distortion.p2 != 0.0
+
+
+def test_a_simple_barrel_keeps_only_its_first_coefficient():
+    rng = np.random.default_rng(4)
+    exact = corners_in(camera(SCOPE, BrownDistortion(k1=-0.2)), board_poses(20))
+    noisy = [view + 0.05 * rng.standard_normal(view.shape) for view in exact]
+    found = calibrate_camera(noisy, BOARD, width=256, height=256).distortion
+    assert found.k1 == pytest.approx(-0.2, abs=0.02)
+    assert (found.k2, found.p1, found.p2) == (0.0, 0.0, 0.0)
+
+
+def test_too_few_views_are_refused():
+    with pytest.raises(InvalidValueError, match="number of views is 4; allowed: at least 5"):
+        calibrate_camera(corners_in(camera(SCOPE), board_poses(4)), BOARD, width=256, height=256)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 3.0])
+def test_a_board_that_hardly_tilts_is_refused(tilt_deg):
+    rng = np.random.default_rng(0)
+    views = corners_in(camera(SCOPE), board_poses(8, tilt_deg=tilt_deg))
+    noisy = [view + 0.05 * rng.standard_normal(view.shape) for view in views]
+    with pytest.raises(InvalidValueError, match="tilt the board"):
+        calibrate_camera(noisy, BOARD, width=256, height=256, coefficients=())
+
+
+@pytest.mark.parametrize("names", [("k3",), ("p1",)])
+def test_coefficients_that_cannot_be_estimated_are_refused(names):
+    with pytest.raises(InvalidValueError, match="the pair p1 and p2"):
+        calibrate_camera(corners_in(camera(SCOPE), board_poses(5)), BOARD, width=256, height=256, coefficients=names)
+
+
+def test_views_that_lack_corners_are_refused():
+    views = corners_in(camera(SCOPE), board_poses(5))
+    views[2] = views[2][:-1]
+    with pytest.raises(InvalidValueError, match=r"\(41, 2\); allowed: \(42, 2\)"):
+        calibrate_camera(views, BOARD, width=256, height=256)
+
+
+def test_exact_corners_give_the_exact_transform_between_cameras(stereo):
+    degrees, mm = transform_residual(stereo.scope_from_reference, SCOPE_FROM_REFERENCE)
+    # 32-bit corners again: 1e-5 px at 100 mm.
+    assert degrees < 1e-4
+    assert mm < 1e-3
+    assert stereo.error_px < 1e-3
+    assert len(stereo.view_errors_px) == 8
+
+
+def test_views_must_come_in_pairs(stereo):
+    views = corners_in(camera(SCOPE), board_poses(6))
+    with pytest.raises(InvalidValueError, match="is 5; allowed: 6"):
+        calibrate_stereo(views, views[:5], BOARD, scope=stereo.scope, reference=stereo.reference)
+
+
+def test_residual_is_the_angle_and_the_distance():
+    turned = SCOPE_FROM_REFERENCE @ pose((0.0, 0.0, 0.02), (0.0, 0.0, 0.0))
+    turned[:3, 3] += [0.0003, 0.0, -0.0004]
+    assert transform_residual(turned, SCOPE_FROM_REFERENCE) == pytest.approx((0.02, 0.5), rel=1e-6)
+
+
+def test_projection_with_distortion_inverts_the_pinhole_where_there_is_none():
+    points = np.array([[0.01, -0.02, 0.1], [0.0, 0.0, 0.07]])
+    np.testing.assert_allclose(camera(SCOPE).project(points), SCOPE.project(points), atol=1e-12)
+
+
+def test_file_gives_back_what_was_saved(stereo, tmp_path):
+    path = tmp_path / "new" / "calibration.json"
+    save_calibration(path, stereo)
+    loaded = load_calibration(path)
+    for one, other in ((stereo.scope, loaded.scope), (stereo.reference, loaded.reference)):
+        assert one.intrinsics == other.intrinsics
+        assert one.distortion == other.distortion
+        assert one.view_errors_px == other.view_errors_px
+        np.testing.assert_array_equal(one.camera_from_board, other.camera_from_board)
+    np.testing.assert_array_equal(loaded.scope_from_reference, stereo.scope_from_reference)
+    assert loaded.view_errors_px == stereo.view_errors_px
+    assert [entry.name for entry in path.parent.iterdir()] == ["calibration.json"]
+
+
+def test_file_says_its_version_units_and_frames(stereo, tmp_path):
+    save_calibration(tmp_path / "calibration.json", stereo)
+    content = json.loads((tmp_path / "calibration.json").read_text())
+    assert content["version"] == 1
+    assert content["units"]["length"] == "m"
+    assert set(content["cameras"]) == {"scope", "reference"}
+    assert np.shape(content["transforms"]["scope_from_reference"]) == (4, 4)
+
+
+def broken(change):
+    def apply(content):
+        change(content)
+        return json.dumps(content)
+
+    return apply
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda _: "{", "a JSON file that can be read"),
+        (lambda _: "[]", "schema 'laploop calibration'"),
+        (broken(lambda c: c.update(version=2)), "version of .* is 2; allowed: 1"),
+        (broken(lambda c: c.update(units={"length": "mm"})), "units of"),
+        (broken(lambda c: c["cameras"].pop("reference")), "missing field is 'cameras.reference'"),
+        (broken(lambda c: c["cameras"]["scope"].pop("fx")), "missing field is 'fx'"),
+        (broken(lambda c: c["cameras"]["scope"].update(fx="wide")), "number is 'wide'"),
+        (broken(lambda c: c["cameras"]["scope"].update(fx=-1.0)), "fx is -1.0; allowed: above 0"),
+        (broken(lambda c: c["cameras"]["scope"].update(width=256.5)), "a whole number of pixels"),
+        (broken(lambda c: c["cameras"]["scope"]["distortion"].pop("k3")), "missing field is 'distortion.k3'"),
+        (broken(lambda c: c.update(transforms={"scope_from_reference": [[1.0], [1.0, 2.0]]})), "rows of numbers"),
+        (broken(lambda c: c.update(transforms={"scope_from_reference": np.diag([2, 1, 1, 1]).tolist()})), "a rigid transform"),
+        (broken(lambda c: c.update(view_errors_px=[0.1] * 3)), "number of views is 3; allowed: at least 5"),
+        (broken(lambda c: c.update(view_errors_px=[math.nan] * 8)), "NaN is not a number"),
+    ],
+)
+def test_damaged_files_are_refused(stereo, tmp_path, damage, message):
+    path = tmp_path / "calibration.json"
+    save_calibration(path, stereo)
+    path.write_text(damage(json.loads(path.read_text())))
+    with pytest.raises(InvalidValueError, match=message):
+        load_calibration(path)
+
+
+def test_a_missing_file_is_said_to_be_missing(tmp_path):
+    with pytest.raises(MissingFileError, match=r"calibration not found at .*nowhere\.json"):
+        load_calibration(tmp_path / "nowhere.json")
+
+
+def test_a_failed_save_leaves_the_older_file_as_it_was(stereo, tmp_path, monkeypatch):
+    path = tmp_path / "calibration.json"
+    path.write_text("older")
+
+    def fail(_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", fail)
+    with pytest.raises(OutputError, match="No space left"):
+        save_calibration(path, stereo)
+    assert path.read_text() == "older"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["calibration.json"]
