@@ -45,7 +45,7 @@ test-slow: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/laploop bench --out runs/bench
 
-# The numbers of the README, measured anew: hours on two cores with the data set, minutes without it.
+# The numbers of the README, measured anew with the shipped weights: about half an hour on two cores.
 RESULTS := docs/results
 FRAMES ?= runs/frames
 

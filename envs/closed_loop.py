@@ -109,6 +109,8 @@ class ClosedLoop:
         )
         self._proprioception.reset(np.random.RandomState(corruption_rng.integers(2**32)))
         self.frame_count = 0
+        self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
+        self.max_force_n = 0.0
         self.first_captured: CapturedFrame | None = None
         self.newest_captured: CapturedFrame | None = None
         self.newest_served: ServedFrame | None = None

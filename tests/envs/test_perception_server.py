@@ -75,8 +75,8 @@ def test_an_overtaken_frame_is_dropped(serve):
         delivered += server.poll(index * 40 * MS)
         server.submit(captured(index, index * 40 * MS))
     delivered += server.poll(300 * MS)
-    # Frame 0 keeps the worker until 100 ms; 1 is overtaken by 2, which keeps it until 200 ms; 3 and 4 by 5? No: at 200 ms
-    # frame 4 has just replaced 3, and frame 5 comes as the worker takes 4.
+    # Frame 0 keeps the worker until 100 ms; 1 is overtaken by 2, which keeps it until 200 ms; by then 4 has
+    # taken the place of 3, and 5 comes as the worker takes 4.
     assert [one.depth.index for one in delivered] == [0, 2, 4]
     assert server.dropped == 2
 

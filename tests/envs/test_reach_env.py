@@ -7,6 +7,8 @@ from gymnasium.utils.env_checker import check_env
 
 import laploop.envs  # noqa: F401  registers the environments
 from laploop.envs.base_motion import BaseMotion
+from laploop.envs.closed_loop import LoopConfig
+from laploop.envs.latency import ConstantLatency
 from laploop.envs.reach_env import ReachConfig, ReachEnv
 from laploop.errors import InvalidValueError, SimulationError, UnknownNameError
 
@@ -61,6 +63,13 @@ def test_an_episode_starts_with_a_depth_map_of_known_age(env):
     assert observation["depth_valid"].mean() > 0.9
     seen = observation["depth_mm"][observation["depth_valid"] == 1]
     assert 50.0 < np.median(seen) < 130.0
+
+
+def test_an_episode_without_latency_starts_at_once():
+    env = ReachEnv(ReachConfig(loop=LoopConfig(latency=ConstantLatency(latency_ns=0))), perception="oracle")
+    _, info = env.reset(seed=5)
+    env.close()
+    assert info["sim_s"] == info["depth_age_ms"] == info["contact_force_n"] == 0.0
 
 
 def test_the_tip_follows_the_action_along_the_cameras_axes(env):
