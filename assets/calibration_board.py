@@ -120,3 +120,17 @@ class CalibrationBoard:
         signs = np.concatenate([[0.0], np.repeat((-1.0) ** np.arange(squares), 2), [0.0]])
         outer = np.concatenate([[borders[0] - self.border_mm], lines, [borders[-1] + self.border_mm]])
         return outer, np.concatenate([[0.0], signs, [0.0]])
+
+
+def blank_card(width_mm: float, height_mm: float) -> BoardSurface:
+    """Return a card of the board's paper without ink; its frame is as the board's, but the origin is its middle.
+
+    Raises:
+        InvalidValueError: If a side lies outside its range.
+    """
+    for name, side in (("width_mm", width_mm), ("height_mm", height_mm)):
+        if not 1.0 <= side <= 2000.0:
+            raise InvalidValueError(name, side, "1 to 2000")
+    corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * [width_mm * _MM, height_mm * _MM]
+    triangles = np.array([[2, 1, 0], [3, 2, 0]], dtype=np.int32)
+    return BoardSurface(np.column_stack([corners, np.zeros(4)]), triangles, np.full(4, _PAPER))

@@ -4,10 +4,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
+from laploop.assets.mask_fabrication import fabricated
 from laploop.assets.stripe_mask import StripeMask
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
@@ -31,8 +32,11 @@ class CharacterizeArguments:
 
     characterization: Annotated[CharacterizationConfig, tyro.conf.arg(name="")] = field(default_factory=CharacterizationConfig)
     mask_image: Path | None = None
-    """A mask of upright stripes as a grey PNG (grey is transmission), instead of the built-in one; say with
-    `--optics.mask.stripes` how many periods it has."""
+    """A mask as a grey PNG (grey is transmission), instead of the built-in one; square unless it is one of upright stripes. Say
+    with `--optics.mask.stripes` how many periods it has."""
+    mask_route: Literal["printed", "chrome"] | None = None
+    """How the built-in mask was made, which tells how rough the edges of its stripes are; `--optics.mask.edge-seed` chooses the
+    specimen. By default its edges are ideal."""
     out: Path
     """Folder to write to; made where it does not exist."""
 
@@ -46,6 +50,9 @@ def main(arguments: Sequence[str]) -> int:
         mask = StripeMask.from_png(
             chosen.mask_image, stripes=drawn.stripes, fov_rad=drawn.fov_rad, edge_roughness=drawn.edge_roughness
         )
+        config = replace(config, optics=replace(config.optics, mask=mask))
+    if chosen.mask_route is not None:
+        mask = fabricated(config.optics.mask, chosen.mask_route, config.optics.mask.edge_seed)
         config = replace(config, optics=replace(config.optics, mask=mask))
     with OutputFolder(chosen.out, "characterize") as folder:
         with progress_bar("distances", len(config.measured_mm)) as advance_to:

@@ -1,4 +1,4 @@
-"""Warp kernels of the stripe camera; the same code runs on CPU and CUDA.
+"""Warp kernels that follow rays and light through a scene; the same code runs on CPU and CUDA.
 
 All of them are told where to begin (`first`), so that several threads can share an image. Frames: w is the world, c the
 computer-vision camera, p the projector.
@@ -24,40 +24,8 @@ _SAME_SURFACE_M = wp.constant(3.0e-4)
 _OTHER_SURFACE_M = wp.constant(2.0e-3)
 _NOTHING = wp.constant(wp.uint64(0xFFFFFFFFFFFFFFFF))
 _LOWER_HALF = wp.constant(wp.uint64(0xFFFFFFFF))
-_INVERSE_PI = wp.constant(0.31830988618)
-_PI = wp.constant(3.14159265359)
-
-
-@wp.struct
-class Projection:
-    """The projector as the camera sees it, and its blur, for `shade`."""
-
-    rotation: wp.mat33
-    """p from c."""
-    offset: wp.vec3
-    half_height: float
-    """Half the lit field along y, tangent units."""
-    intensity_w_sr: float
-    led_exponent: float
-    stray_fraction: float
-    fixed_variance: float
-    defocus_slope: float
-    inverse_focus: float
-    table_x_min: float
-    table_x_step: float
-    table_sigma_step: float
-
-
-@wp.struct
-class Sensor:
-    """Lens and sensor, for `shade`."""
-
-    electrons_per_radiance: float
-    vignetting_exponent: float
-    full_well: float
-    read_variance: float
-    levels: float
-    """Largest grey value."""
+_NEAR_M = wp.constant(1.0e-3)
+_FAR_M = wp.constant(100.0)
 
 
 @wp.kernel
@@ -206,105 +174,33 @@ def trace(
         factor[i] = 0.0
 
 
-@wp.func
-def _look_up(table: wp.array2d(dtype=wp.float32), column: float, level: float):
-    """Interpolate the table linearly in both directions; outside of it its border goes on."""
-    x = wp.clamp(column, 0.0, float(table.shape[1]) - 1.001)
-    y = wp.clamp(level, 0.0, float(table.shape[0]) - 1.001)
-    i = int(x)
-    j = int(y)
-    fx = x - float(i)
-    low = table[j, i] + fx * (table[j, i + 1] - table[j, i])
-    high = table[j + 1, i] + fx * (table[j + 1, i + 1] - table[j + 1, i])
-    return low + (y - float(j)) * (high - low)
-
-
-@wp.func
-def _field_edge(y: float, half: float, sigma: float):
-    """Transmission of the mask's lower and upper border, blurred; its left and right ones are in the table."""
-    inside = half - wp.abs(y)
-    if inside > 4.0 * sigma:
-        return 1.0
-    if inside < -4.0 * sigma:
-        return 0.0
-    return 0.5 * (1.0 + wp.erf(inside / (1.41421356 * wp.max(sigma, 1.0e-9))))
-
-
-@wp.func
-def _ggx(n: wp.vec3, light: wp.vec3, view: wp.vec3, reflectance: float, alpha: float):
-    """Specular reflectance distribution times the light's cosine, 1/sr (Walter et al. 2007, Smith's masking)."""
-    n_l = wp.max(wp.dot(n, light), 1.0e-3)
-    n_v = wp.max(wp.dot(n, view), 1.0e-3)
-    half = wp.normalize(light + view)
-    n_h = wp.dot(n, half)
-    a2 = alpha * alpha
-    q = n_h * n_h * (a2 - 1.0) + 1.0
-    distribution = a2 / (_PI * q * q)
-    visibility = 0.5 / (n_l * wp.sqrt(a2 + (1.0 - a2) * n_v * n_v) + n_v * wp.sqrt(a2 + (1.0 - a2) * n_l * n_l))
-    c = 1.0 - wp.dot(view, half)
-    fresnel = reflectance + (1.0 - reflectance) * c * c * c * c * c
-    return distribution * visibility * fresnel * n_l
-
-
 @wp.kernel
-def shade(
+def trace_keys(
     first: int,
+    mesh: wp.uint64,
+    pose: wp.array(dtype=wp.vec3),
     rays: wp.array(dtype=wp.vec2),
-    depth: wp.array(dtype=wp.float32),
-    normal_in_camera: wp.array(dtype=wp.vec3),
-    projector: wp.array(dtype=wp.vec2),
-    flags: wp.array(dtype=wp.uint8),
-    object_id: wp.array(dtype=wp.uint8),
-    factor: wp.array(dtype=wp.float32),
-    materials: wp.array(dtype=wp.vec4),
-    table: wp.array2d(dtype=wp.float32),
-    projection: Projection,
-    sensor: Sensor,
-    noise: wp.array(dtype=wp.float32),
-    electrons: wp.array(dtype=wp.float32),
-    image: wp.array(dtype=wp.uint8),
+    vertices: wp.array(dtype=wp.vec3),
+    corners: wp.array(dtype=wp.int32),
+    keys: wp.array(dtype=wp.uint64),
 ):
-    """Turn geometry into expected photo-electrons, and those with standard normal `noise` into grey values."""
+    """Find the nearest triangle along each ray in the tree, whatever lens the rays are of; keys are those of `rasterise`.
+
+    `vertices` are in the camera's frame.
+    """
     i = first + wp.tid()
-    mean = float(0.0)
-    if object_id[i] != wp.uint8(0):
-        z = depth[i]
-        ray = wp.vec3(rays[i][0], rays[i][1], 1.0)
-        point = z * ray
-        n = normal_in_camera[i]
-        material = materials[int(object_id[i])]
-        in_projector = projection.rotation * point + projection.offset
-        distance2 = wp.dot(in_projector, in_projector)
-        cosine_p = in_projector[2] / wp.sqrt(distance2)
-        if cosine_p > 0.0:
-            to_light = -wp.normalize(wp.transpose(projection.rotation) * in_projector)
-            ray_length = wp.length(ray)
-            view = ray * (-1.0 / ray_length)
-            irradiance = projection.intensity_w_sr / distance2
-            if projection.led_exponent == 1.0:
-                irradiance *= cosine_p
-            else:
-                irradiance *= wp.pow(cosine_p, projection.led_exponent)
-            albedo = material[0] * factor[i]
-            radiance = irradiance * projection.stray_fraction * albedo * _INVERSE_PI
-            n_l = wp.dot(n, to_light)
-            if (flags[i] & _LINE_OF_SIGHT) != wp.uint8(0) and n_l > 0.0:
-                inverse_z = 1.0 / in_projector[2]
-                defocus = projection.defocus_slope * (inverse_z - projection.inverse_focus)
-                spread = material[3] * inverse_z
-                sigma = wp.sqrt(projection.fixed_variance + defocus * defocus + spread * spread)
-                tangent = projector[i]
-                column = (tangent[0] - projection.table_x_min) / projection.table_x_step
-                light = _look_up(table, column, sigma / projection.table_sigma_step)
-                light *= _field_edge(tangent[1], projection.half_height, sigma)
-                scattered = albedo * _INVERSE_PI * n_l + _ggx(n, to_light, view, material[1], material[2])
-                radiance += irradiance * (1.0 - projection.stray_fraction) * light * scattered
-            vignetting = 1.0 / ray_length
-            if sensor.vignetting_exponent != 1.0:
-                vignetting = wp.pow(vignetting, sensor.vignetting_exponent)
-            mean = radiance * vignetting * sensor.electrons_per_radiance
-    electrons[i] = mean
-    # A Poisson variable is all but normal at the counts that matter here; the read noise is normal.
-    charge = mean + wp.sqrt(mean + sensor.read_variance) * noise[i]
-    grey = wp.floor(charge * (sensor.levels / sensor.full_well) + 0.5)
-    image[i] = wp.uint8(wp.clamp(grey, 0.0, sensor.levels))
+    ray = wp.vec3(rays[i][0], rays[i][1], 1.0)
+    direction = ray[0] * pose[1] + ray[1] * pose[2] + pose[3]
+    hit = wp.mesh_query_ray(mesh, pose[0] + _NEAR_M * direction, direction, _FAR_M)
+    if hit.result:
+        a = vertices[corners[3 * hit.face]]
+        b = vertices[corners[3 * hit.face + 1]]
+        c = vertices[corners[3 * hit.face + 2]]
+        normal = wp.cross(b - a, c - a)
+        slope = wp.dot(normal, ray)
+        z = hit.t + _NEAR_M
+        if slope != 0.0:
+            # The plane's depth in the camera's own frame, where numbers are small; the tree's is in the world's.
+            nearest = wp.max(wp.min(a[2], wp.min(b[2], c[2])), _NEAR_M)
+            z = wp.clamp(wp.dot(a, normal) / slope, nearest, wp.max(a[2], wp.max(b[2], c[2])))
+        keys[i] = (wp.uint64(wp.cast(z, wp.uint32)) << wp.uint64(32)) | wp.uint64(hit.face)

@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from laploop.envs.sensors import kernels, zbuffer_kernels
+from laploop.envs.sensors import kernels, shading_kernels, zbuffer_kernels
 from laploop.envs.sensors.scene_geometry import SceneGeometry
 from laploop.errors import InvalidValueError
 
@@ -36,8 +36,8 @@ def open_device(name: str) -> wp.Device:
         if name not in available:
             raise InvalidValueError("device", name, f"one of {available}")
         device = wp.get_device(name)
-        wp.load_module(kernels, device=device)
-        wp.load_module(zbuffer_kernels, device=device)
+        for module in (kernels, shading_kernels, zbuffer_kernels):
+            wp.load_module(module, device=device)
     return device
 
 

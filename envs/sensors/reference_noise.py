@@ -34,9 +34,10 @@ class ReferenceNoise:
         peak_mm = float(rng.uniform(0.5, 1.0)) * optics.planarity_trueness_mm
         grid = np.arange(_BEND_GRID) * (2.0 / (_BEND_GRID - 1)) - 1.0
         weights *= peak_mm / np.abs(_bend(weights, grid, grid)).max()
-        camera = optics.intrinsics
-        x = (np.arange(camera.width) + 0.5) * (2.0 / camera.width) - 1.0
-        y = (np.arange(camera.height) + 0.5) * (2.0 / camera.height) - 1.0
+        column, row, width, height = optics.window
+        # The whole image is what a camera's bend belongs to, whatever region of it is asked for.
+        x = (np.arange(column, column + width) + 0.5) * (2.0 / (optics.width // optics.step)) - 1.0
+        y = (np.arange(row, row + height) + 0.5) * (2.0 / (optics.height // optics.step)) - 1.0
         limit = optics.planarity_trueness_mm
         self.bend_mm: Float32 = np.clip(_bend(weights, x, y), -limit, limit).astype(np.float32)
         """(height, width), the bend."""

@@ -76,6 +76,9 @@ class ReferenceOptics:
     height: int = 2048
     focal_px: float = 2481.0
     """Sizes and focal length at full sampling; the principal point is the middle."""
+    region: tuple[int, int, int, int] | None = None
+    """Region of interest: column and row of its first pixel, width and height, in pixels of the sampling; None is the whole
+    image. Points outside it are not computed; inside it nothing changes but the order of the random numbers."""
     baseline_m: float = 0.1112
     projector_forward_m: float = 0.0079
     projector_yaw_rad: float = 0.085
@@ -130,6 +133,7 @@ class ReferenceOptics:
             size = getattr(self, name)
             if not 16 <= size <= 8192 or size % 4:
                 raise InvalidValueError(name, size, "a multiple of 4 from 16 to 8192")
+        self._check_region()
         if self.unit_seed < 0:
             raise InvalidValueError("unit_seed", self.unit_seed, "an integer from 0")
         if not 3 <= self.normal_window_px <= 31 or self.normal_window_px % 2 == 0:
@@ -169,22 +173,43 @@ class ReferenceOptics:
             colour_noise=0.0,
         )
 
+    def _check_region(self) -> None:
+        """Raise unless the region lies in the image."""
+        if self.region is None:
+            return
+        # What came from JSON is a list; optics stay hashable and equal to what was written.
+        object.__setattr__(self, "region", tuple(self.region))
+        whole = (self.width // self.step, self.height // self.step)
+        inside = len(self.region) == 4 and all(
+            start >= 0 and size >= 16 and start + size <= end
+            for start, size, end in zip(self.region[:2], self.region[2:], whole, strict=True)
+        )
+        if not inside:
+            allowed = f"column, row, width, height inside {whole[0]} x {whole[1]} pixels, at least 16 x 16"
+            raise InvalidValueError("region", self.region, allowed)
+
     @property
     def step(self) -> int:
         """How many sensor pixels along a side make one point."""
         return SAMPLINGS[self.sampling]
 
+    @property
+    def window(self) -> tuple[int, int, int, int]:
+        """Column and row of the first pixel, width and height of what is captured, in pixels of the sampling."""
+        return self.region or (0, 0, self.width // self.step, self.height // self.step)
+
     @cached_property
     def intrinsics(self) -> Intrinsics:
-        """Of the camera at its sampling."""
+        """Of the camera at its sampling, in its region of interest."""
         step = self.step
+        column, row, width, height = self.window
         return Intrinsics(
-            width=self.width // step,
-            height=self.height // step,
+            width=width,
+            height=height,
             fx=self.focal_px / step,
             fy=self.focal_px / step,
-            cx=0.5 * self.width / step,
-            cy=0.5 * self.height / step,
+            cx=0.5 * self.width / step - column,
+            cy=0.5 * self.height / step - row,
         )
 
     @cached_property

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from laploop.envs.sensors import primitives
 from laploop.envs.sensors.object_id import ObjectId, object_id_of_geom
+from laploop.envs.sensors.tissue_appearance import TissueAppearance, appearance_factor
 from laploop.errors import InvalidValueError
 
 _TEXTURE_SHORTEST_M = 0.008
@@ -93,7 +94,12 @@ class SceneGeometry:
 
     @classmethod
     def from_model(
-        cls, model: mujoco.MjModel, *, groups: Collection[int] = (1,), rng: np.random.Generator | None = None
+        cls,
+        model: mujoco.MjModel,
+        *,
+        groups: Collection[int] = (1,),
+        rng: np.random.Generator | None = None,
+        appearance: TissueAppearance | None = None,
     ) -> "SceneGeometry":
         """Collect the geoms and flexes of the given groups; call `update` before the first image.
 
@@ -103,10 +109,14 @@ class SceneGeometry:
             model: The compiled model.
             groups: Geom and flex groups that the camera sees.
             rng: Source of the tissue's texture, a smooth variation of its albedo; without it the tissue is uniform.
+            appearance: Patches and detail on top of that texture; none by default.
 
         Raises:
-            InvalidValueError: If nothing is visible, or a visible geom has a type without a surface.
+            InvalidValueError: If nothing is visible, a visible geom has a type without a surface, or there is an appearance but
+                nothing to draw it from.
         """
+        if appearance is not None and rng is None:
+            raise InvalidValueError("rng", None, "a generator, to draw the tissue's appearance from")
         surfaces: list[primitives.Surface] = []
         ids: list[ObjectId] = []
         rigid: list[_RigidPart] = []
@@ -119,7 +129,10 @@ class SceneGeometry:
             surfaces.append((rest, triangles))
             ids.append(ObjectId.TISSUE)
             flex.append(_FlexPart(vertices=vertices, rows=slice(start, start + len(vertices))))
-            factors.append(np.ones(len(vertices), dtype=np.float32) if rng is None else tissue_texture(rest, rng))
+            factor = np.ones(len(vertices), dtype=np.float32) if rng is None else tissue_texture(rest, rng)
+            if appearance is not None and rng is not None and not appearance.is_plain:
+                factor *= appearance_factor(rest, appearance, rng)
+            factors.append(factor)
             start += len(vertices)
         visible = np.isin(model.geom_group, list(groups)) & (_geom_opacity(model) > 0.0)
         for index in np.flatnonzero(visible):

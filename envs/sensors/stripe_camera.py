@@ -7,17 +7,25 @@ import mujoco
 import numpy as np
 import warp as wp
 from numpy.typing import NDArray
+from scipy.special import ive
 
-from laploop.envs.sensors import kernels
-from laploop.envs.sensors.mask_table import MaskTable
+from laploop.envs.sensors import shading_kernels
+from laploop.envs.sensors.lens_distortion import distorted_rays
+from laploop.envs.sensors.mask_stack import MaskStack
+from laploop.envs.sensors.mask_table import FINE_COLUMNS, MaskTable
 from laploop.envs.sensors.ray_scene import RayScene, open_device
 from laploop.envs.sensors.scene_geometry import SceneGeometry
 from laploop.envs.sensors.strip_runner import StripRunner
 from laploop.envs.sensors.stripe_capture import ExactView, StripeCapture
 from laploop.envs.sensors.stripe_optics import StripeOptics
+from laploop.envs.sensors.tissue_appearance import TissueAppearance
 from laploop.envs.sensors.view_tracer import ViewTracer
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Rig
+from laploop.perception.reprojection import BrownDistortion
+
+_NARROWEST_SPREAD_PX = 0.01
+_LEAST_WEIGHT = 1e-7
 
 
 class StripeCamera:
@@ -28,7 +36,15 @@ class StripeCamera:
     returned is the caller's own.
     """
 
-    def __init__(self, rig: Rig, optics: StripeOptics | None = None, device: str = "cpu", threads: int | None = None) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        optics: StripeOptics | None = None,
+        device: str = "cpu",
+        threads: int | None = None,
+        *,
+        mask_columns: int = FINE_COLUMNS,
+    ) -> None:
         """Prepare the buffers and compile the kernels; `attach` a scene before the first image.
 
         Args:
@@ -36,9 +52,11 @@ class StripeCamera:
             optics: The optical model; the nominal one by default.
             device: A Warp device: "cpu", "cuda", "cuda:0", ...
             threads: How many threads share an image on the CPU; by default two where there are two cores.
+            mask_columns: Of the mask's table, see `MaskTable.from_mask`; fewer make a camera with a new mask sooner.
 
         Raises:
-            InvalidValueError: If the device or the number of threads is impossible.
+            InvalidValueError: If the device, the number of threads or the number of columns is impossible, or the lens shows
+                nothing at some pixel.
         """
         self.rig = rig
         self._device = open_device(device)
@@ -49,9 +67,14 @@ class StripeCamera:
         count = rig.camera.height * rig.camera.width
         self._noise: Any = wp.zeros(count, dtype=wp.float32, device=self._device)
         self._electrons: Any = wp.zeros(count, dtype=wp.float32, device=self._device)
-        self._image: Any = wp.zeros(count, dtype=wp.uint8, device=self._device)
-        self._mask_table = MaskTable.from_mask(rig.mask)
+        self._half_spread: Any = wp.zeros(count, dtype=wp.float32, device=self._device)
+        self._spread: Any = wp.zeros(count, dtype=wp.float32, device=self._device)
+        self._image: Any = wp.zeros(count, dtype=wp.uint16, device=self._device)
+        self._mask_table = (
+            MaskStack.from_mask(rig.mask) if rig.mask.varies_along_y else MaskTable.from_mask(rig.mask, mask_columns)
+        )
         self._transmission: Any = wp.array(self._mask_table.transmission, dtype=wp.float32, device=self._device)
+        self._distortion = BrownDistortion()
         self.set_optics(optics or StripeOptics())
 
     @property
@@ -60,19 +83,40 @@ class StripeCamera:
         return self._optics
 
     def set_optics(self, optics: StripeOptics) -> None:
-        """Change the optical model; cheap enough to do before every image."""
+        """Change the optical model; cheap enough to do before every image.
+
+        Raises:
+            InvalidValueError: If the lens distorts so that it shows nothing at some pixel.
+        """
+        if optics.distortion != self._distortion:
+            self._tracer.set_rays(distorted_rays(self.rig.camera, optics.distortion))
+            self._distortion = optics.distortion
         self._optics = optics
         materials: Any = wp.array(optics.material_table, dtype=wp.vec4, device=self._device)
         tracer = self._tracer
         inputs = [tracer.rays, tracer.depth, tracer.normals, tracer.projector, tracer.flags, tracer.object_id]
-        inputs += [tracer.albedo_factor, materials, self._transmission, self._projection(), self._sensor(), self._noise]
-        self._shade = tracer.record(kernels.shade, inputs, [self._electrons, self._image])
+        sensor = self._sensor()
+        inputs += [tracer.albedo_factor, materials, self._transmission, self._projection(), sensor, self._noise]
+        shade = shading_kernels.shade_picture if self.rig.mask.varies_along_y else shading_kernels.shade
+        self._shade = tracer.record(shade, inputs, [self._electrons, self._image])
+        self._spreading: list[list[Any]] = []
+        self._seen = self._electrons
+        if optics.lens_blur_edges and optics.lens_blur_px >= _NARROWEST_SPREAD_PX:
+            self._seen = self._spread
+            self._spreading = self._record_spreading(optics.lens_blur_px)
+            inputs = [self._spread, sensor, self._noise]
+            self._spreading.append(tracer.record(shading_kernels.digitise, inputs, [self._image]))
 
     def attach(
-        self, model: mujoco.MjModel, *, groups: Collection[int] = (1,), rng: np.random.Generator | None = None
+        self,
+        model: mujoco.MjModel,
+        *,
+        groups: Collection[int] = (1,),
+        rng: np.random.Generator | None = None,
+        appearance: TissueAppearance | None = None,
     ) -> SceneGeometry:
         """Look at the given geom and flex groups of a model from now on; see `SceneGeometry.from_model`."""
-        geometry = SceneGeometry.from_model(model, groups=groups, rng=rng)
+        geometry = SceneGeometry.from_model(model, groups=groups, rng=rng, appearance=appearance)
         self.attach_geometry(geometry)
         return geometry
 
@@ -100,9 +144,12 @@ class StripeCamera:
         else:
             self._noise.assign(rng.standard_normal(self._noise.size, dtype=np.float32))
         self._runner.run(self._tracer.trace, self._shade)
+        for stage in self._spreading:
+            # Each needs all of the one before it, its neighbours' strips too.
+            self._runner.run(stage)
         view = self._tracer.read()
-        image = self._image.numpy().reshape(self._shape).copy()
-        electrons = self._electrons.numpy().reshape(self._shape).copy()
+        image = self._image.numpy().reshape(self._shape).astype(np.uint8 if self._optics.bits == 8 else np.uint16)
+        electrons = self._seen.numpy().reshape(self._shape).copy()
         return StripeCapture(**vars(view), image=image, electrons=electrons)
 
     def exact(self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64]) -> ExactView:
@@ -121,11 +168,27 @@ class StripeCamera:
         self._scene.update()
         self._tracer.find_surfaces()
 
+    def _record_spreading(self, sigma_px: float) -> list[list[Any]]:
+        """Record the lens's point spread on the electrons, along x and then along y.
+
+        The filter is the discrete Gaussian exp(-s²) I_k(s²) of Lindeberg (1990): its variance is that of the Gaussian however
+        narrow it is, and its weights add up to one.
+        """
+        weights = ive(np.arange(int(4.0 + 8.0 * sigma_px)), sigma_px**2)
+        weights = weights[weights > _LEAST_WEIGHT]
+        weights /= weights[0] + 2.0 * weights[1:].sum()
+        half: Any = wp.array(weights, dtype=wp.float32, device=self._device)
+        height, width = self._shape
+        return [
+            self._tracer.record(shading_kernels.spread, [source, half, width, height, across, 1 - across], [target])
+            for source, across, target in ((self._electrons, 1, self._half_spread), (self._half_spread, 0, self._spread))
+        ]
+
     def _projection(self) -> Any:
         """Gather the projector's numbers for the kernels."""
         optics, mask, table = self._optics, self.rig.mask, self._mask_table
         projector_from_camera = self.rig.projector_from_camera
-        projection = kernels.Projection()
+        projection = shading_kernels.Projection()
         projection.rotation = wp.mat33(*projector_from_camera[:3, :3].ravel())
         projection.offset = wp.vec3(*projector_from_camera[:3, 3])
         projection.half_height = mask.half_width_tan
@@ -135,15 +198,15 @@ class StripeCamera:
         projection.fixed_variance = optics.fixed_blur_tan(self.rig.camera.fx) ** 2
         projection.defocus_slope = optics.projector_aperture_m / 4.0
         projection.inverse_focus = 1.0 / optics.projector_focus_m
-        projection.table_x_min = table.x_min
-        projection.table_x_step = table.x_step
+        projection.table_start = table.start
+        projection.table_step = table.step
         projection.table_sigma_step = table.sigma_step
         return projection
 
     def _sensor(self) -> Any:
         """Gather the lens's and the sensor's numbers for the kernels."""
         optics = self._optics
-        sensor = kernels.Sensor()
+        sensor = shading_kernels.Sensor()
         sensor.electrons_per_radiance = optics.electrons_per_radiance
         sensor.vignetting_exponent = optics.vignetting_exponent
         sensor.full_well = optics.full_well_electrons

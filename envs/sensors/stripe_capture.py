@@ -1,6 +1,7 @@
 """What the stripe camera returns."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ class ExactView:
 class StripeCapture(ExactView):
     """An image of the camera channel with the exact geometry behind it."""
 
-    image: NDArray[np.uint8]
-    """(height, width), grey values."""
+    image: NDArray[Any]
+    """(height, width), grey values: uint8, or uint16 from 0 to 4095 if the optics say 12 bits."""
     electrons: NDArray[np.float32]
     """(height, width), expected photo-electrons before noise, saturation and quantisation."""

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.errors import InvalidValueError, check_range
+from laploop.perception.reprojection import BrownDistortion
 
 _PLANCK_TIMES_LIGHT_SPEED_J_M = 6.62607015e-34 * 299792458.0
 
@@ -84,6 +85,10 @@ class StripeOptics:
     """The lens's transmission falls with the cosine of the angle to the camera's axis to this power."""
     lens_blur_px: float = 0.7
     """Standard deviation of the camera lens's point spread; acts on the stripes."""
+    lens_blur_edges: bool = False
+    """Whether the point spread acts on the whole image, edges of objects and highlights too, and not only on the stripes."""
+    distortion: BrownDistortion = field(default_factory=BrownDistortion)
+    """Of the camera's lens, beside the pinhole of its rig."""
     exposure_s: float = 0.015
     wavelength_m: float = 525e-9
     pixel_pitch_m: float = 3.45e-6
@@ -92,6 +97,7 @@ class StripeOptics:
     """Of a Pregius-class sensor; full scale of the output."""
     read_noise_electrons: float = 2.5
     bits: int = 8
+    """Of the output: 8, or 12 as the converters of such sensors have."""
     tissue: Material = field(default=TISSUE)
     tool: Material = field(default=TOOL)
     stage: Material = field(default=STAGE)
@@ -122,8 +128,8 @@ class StripeOptics:
             ("read_noise_electrons", 0.0, 1000.0),
         ):
             check_range(name, getattr(self, name), low, high)
-        if self.bits != 8:
-            raise InvalidValueError("bits", self.bits, "8")
+        if self.bits not in {8, 12}:
+            raise InvalidValueError("bits", self.bits, "8 or 12")
 
     @cached_property
     def material_table(self) -> NDArray[np.float32]:
@@ -156,5 +162,9 @@ class StripeOptics:
         return self.led_power_w / float(solid_angle_weighted)
 
     def fixed_blur_tan(self, focal_px: float) -> float:
-        """Standard deviation of the blur that does not depend on distance, with a pixel's own width, tangent units."""
-        return math.sqrt(self.source_blur_tan**2 + (self.lens_blur_px**2 + 1.0 / 12.0) / focal_px**2)
+        """Standard deviation of the stripes' blur that does not depend on distance, with a pixel's own width, tangent units.
+
+        The lens's is in it unless it acts on the whole image.
+        """
+        lens_px = 0.0 if self.lens_blur_edges else self.lens_blur_px
+        return math.sqrt(self.source_blur_tan**2 + (lens_px**2 + 1.0 / 12.0) / focal_px**2)

@@ -49,10 +49,20 @@ class ViewTracer:
         self.flags: Any = wp.zeros(count, dtype=wp.uint8, device=device)
         self.object_id: Any = wp.zeros(count, dtype=wp.uint8, device=device)
         self.albedo_factor: Any = wp.zeros(count, dtype=wp.float32, device=device)
+        self._pinhole = True
+        self._walk: list[Any] = []
         self._to_views: list[Any] = []
         self._rasterise: list[list[Any]] = []
         self.trace: list[Any] = []
         """Recorded launches, one a strip of `StripRunner.pixel_strips`; run them after `find_surfaces`."""
+
+    def set_rays(self, rays: NDArray[np.float64]) -> None:
+        """Follow other rays, (height, width, 3) with z = 1, than those of the rig's pinhole, as those of a lens that distorts.
+
+        The camera's surfaces are then searched for in the scene's tree, about ten times slower than for a pinhole.
+        """
+        self._pinhole = rays is self._rig.camera.rays
+        self.rays.assign(rays[..., :2].reshape(-1, 2).astype(np.float32))
 
     def attach(self, scene: RayScene) -> None:
         """Look at a scene from now on."""
@@ -79,6 +89,8 @@ class ViewTracer:
             self._record_rasterise(self._camera_view, in_camera, on_camera, scene.corners, self._camera_keys),
             self._record_rasterise(self._projector_view, in_projector, on_projector, scene.corners, self._projector_keys),
         ]
+        inputs = [scene.mesh.id, self._pose, self.rays, in_camera, scene.corners]
+        self._walk = self.record(kernels.trace_keys, inputs, [self._camera_keys])
         half_field = wp.vec2(rig.mask.half_width_tan, rig.mask.half_width_tan)
         inputs = [scene.mesh.id, self._pose, self.rays, self._camera_keys, self._projector_keys, self._projector_view]
         inputs += [in_camera, scene.corners, scene.object_ids, scene.normals, scene.albedo_factor]
@@ -115,7 +127,11 @@ class ViewTracer:
         self._projector_keys.fill_(_NOTHING)
         for launch in self._to_views:
             launch.launch()
-        self._runner.run(*self._rasterise)
+        if self._pinhole:
+            self._runner.run(*self._rasterise)
+        else:
+            self._runner.run(self._rasterise[1])
+            self._runner.run(self._walk)
 
     def read(self) -> ExactView:
         """Copy the results to numpy."""

@@ -48,12 +48,23 @@ def test_a_users_own_mask_is_projected(tmp_path):
     assert len(summary["config"]["characterization"]["optics"]["mask"]["profile"]) == 800
 
 
+def test_a_printed_mask_costs_little_contrast(tmp_path):
+    out = tmp_path / "out"
+    assert main(["characterize", "--distances-mm", "70", "--mask-route", "printed", "--out", str(out)]) == 0
+    summary = summary_of(out)
+    assert summary["config"]["characterization"]["optics"]["mask"]["edge_wander"] > 0.0
+    # The preset's own is 0.57 and 0.43 with ideal edges.
+    assert summary["contrast"]["70"] == pytest.approx(0.56, abs=0.02)
+    assert summary["contrast"]["100"] == pytest.approx(0.42, abs=0.02)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--preset", "best"], "ideal, paper, worst"),
         (["--mask-image", "no-such-mask.png"], "no-such-mask.png"),
         (["--distances-mm", "5"], "distances_mm is 5"),
+        (["--mask-route", "printed", "--optics.mask.profile", "0", "1"], "edge_wander is 0.02"),
     ],
 )
 def test_bad_input_is_refused_before_anything_is_written(tmp_path, capsys, arguments, message):

@@ -14,7 +14,7 @@ HALF_WIDTH = StripeMask().half_width_tan
 
 
 def grid_of(table):
-    return table.x_min + table.x_step * np.arange(table.transmission.shape[1])
+    return table.start + table.step * np.arange(table.transmission.shape[1])
 
 
 def draw_stripes(width=1600, stripes=20, height=32):
@@ -32,7 +32,7 @@ def save(tmp_path, pixels, **options):
 def test_the_built_in_mask_drawn_as_an_image_gives_the_same_table(tmp_path):
     drawn = MaskTable.from_mask(StripeMask.from_png(save(tmp_path, draw_stripes()), stripes=20))
     analytic = MaskTable.from_mask(StripeMask())
-    assert (drawn.x_min, drawn.x_step, drawn.sigma_step) == (analytic.x_min, analytic.x_step, analytic.sigma_step)
+    assert (drawn.start, drawn.step, drawn.sigma_step) == (analytic.start, analytic.step, analytic.sigma_step)
     # From the first blur that occurs in practice on; below it the table's columns themselves blur an edge.
     np.testing.assert_allclose(drawn.transmission[4:], analytic.transmission[4:], atol=2e-3)
     assert np.abs(drawn.transmission[0] - analytic.transmission[0]).mean() < 5e-3
@@ -69,8 +69,9 @@ def test_an_image_that_is_no_mask_is_refused_with_the_reason(tmp_path):
     cases = {
         "grey": colours,
         "opaque": see_through,
-        "upright stripes": draw_stripes(height=64, width=64).T.copy(),
+        "square": draw_stripes(height=64, width=80).T.copy(),
         "size": np.zeros((8, 8), dtype=np.uint8),
+        "brightest transmission": np.full((32, 32), 5, dtype=np.uint8),
     }
     for reason, pixels in cases.items():
         with pytest.raises(InvalidValueError, match=reason):
@@ -131,6 +132,19 @@ def test_roughness_takes_contrast_as_a_gaussian_blur_of_the_edges_does():
     for level in (0, 6, 12):
         plain, lost = (np.abs(np.mean(np.interp(x, grid_of(t), t.transmission[level]) * wave)) for t in tables)
         assert lost / plain == pytest.approx(np.exp(-2.0 * (np.pi * 0.06) ** 2), rel=2e-3)
+
+
+def test_a_coarser_table_makes_all_but_the_same_image(rig, make_plane):
+    images = []
+    for columns in (4097, 1025):
+        camera = StripeCamera(rig, mask_columns=columns)
+        camera.attach_geometry(make_plane(0.06))
+        images.append(camera.capture(None, np.eye(4), None).electrons)
+    # A third of a pixel a column; the sharpest blur in use is two pixels wide.
+    np.testing.assert_allclose(images[1], images[0], atol=2e-3 * images[0].max())
+    for columns in (16, 20000):
+        with pytest.raises(InvalidValueError, match="columns"):
+            MaskTable.from_mask(StripeMask(), columns)
 
 
 def test_a_camera_projects_the_mask_from_an_image(tmp_path, rig, make_plane):

@@ -9,7 +9,7 @@ from laploop.errors import InvalidValueError
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("led_power_w", -1.0), ("exposure_s", 0.0), ("stray_fraction", 1.0), ("f_number", float("nan")), ("bits", 12)],
+    [("led_power_w", -1.0), ("exposure_s", 0.0), ("stray_fraction", 1.0), ("f_number", float("nan")), ("bits", 10)],
 )
 def test_optics_outside_their_range_are_refused_by_name(field, value):
     with pytest.raises(InvalidValueError, match=field):
@@ -37,7 +37,7 @@ def test_the_led_power_is_all_that_leaves_through_a_clear_mask():
 
 def look_up(table, x, sigma):
     level = round(sigma / table.sigma_step)
-    grid = table.x_min + table.x_step * np.arange(table.transmission.shape[1])
+    grid = table.start + table.step * np.arange(table.transmission.shape[1])
     return np.interp(x, grid, table.transmission[level])
 
 

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from laploop.envs.sensors import kernels, zbuffer_kernels
+from laploop.envs.sensors import kernels, shading_kernels, zbuffer_kernels
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.scene_geometry import SceneGeometry
 from laploop.envs.sensors.stripe_camera import StripeCamera
@@ -262,9 +262,9 @@ def test_results_do_not_change_when_the_next_image_is_taken(camera, make_plane):
 
 
 def test_kernels_compile_for_cuda(tmp_path):
-    for module in (kernels, zbuffer_kernels):
+    for module in (kernels, shading_kernels, zbuffer_kernels):
         wp.compile_aot_module(module, arch=80, module_dir=tmp_path, use_ptx=True)
-    assert len(list(tmp_path.glob("*.ptx"))) == 2
+    assert len(list(tmp_path.glob("*.ptx"))) == 3
 
 
 def test_bad_input_is_refused(rig, make_plane):
