@@ -8,19 +8,33 @@ The file holds, in metres and pixels (centre of the first pixel at (0.5, 0.5), a
     transforms.scope_from_reference: 4x4, row by row
     view_errors_px: of the pairs of views
 
+and, where they were calibrated,
+
+    projector:
+        projector_from_camera: 4x4, row by row
+        period_tan: of the stripes, in tangents of the angle to the projector's axis
+        phase_turns: of the stripes on that axis; bright ones are centred at whole numbers
+        view_errors_turns
+        deviations {x_m, z_m, pitch_rad, yaw_rad, roll_rad, period_tan, phase_turns}
+    hand_eye:
+        flange_from_camera, world_from_board: 4x4, row by row
+        view_errors_px
+
 Other keys may stand beside these; they are left alone and not kept.
 """
 
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
 from laploop.errors import InvalidValueError, MissingFileError, OutputError
+from laploop.perception.calibration.hand_eye import HandEyeCalibration
+from laploop.perception.calibration.projector import UNKNOWNS, ProjectorCalibration
 from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
 from laploop.perception.geometry import Intrinsics
 from laploop.perception.reprojection import BrownDistortion
@@ -30,13 +44,34 @@ VERSION = 1
 UNITS = {"length": "m", "pixel": "px, the centre of the first pixel is (0.5, 0.5)"}
 
 
-def save_calibration(path: Path, calibration: StereoCalibration) -> None:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CalibrationRecord:
+    """All that a calibration file holds."""
+
+    stereo: StereoCalibration
+    projector: ProjectorCalibration | None = None
+    hand_eye: HandEyeCalibration | None = None
+
+
+def save_calibration(
+    path: Path,
+    calibration: StereoCalibration,
+    *,
+    projector: ProjectorCalibration | None = None,
+    hand_eye: HandEyeCalibration | None = None,
+) -> None:
     """Write a calibration to `path`; the file appears whole or not at all, and an older one stays until then.
+
+    Args:
+        path: The file.
+        calibration: Of the two cameras.
+        projector: Of the stripe projector, where it was calibrated.
+        hand_eye: Of the scope on the arm, where it was calibrated.
 
     Raises:
         OutputError: If the file cannot be written.
     """
-    content = {
+    content: dict[str, Any] = {
         "schema": SCHEMA,
         "version": VERSION,
         "units": UNITS,
@@ -44,6 +79,20 @@ def save_calibration(path: Path, calibration: StereoCalibration) -> None:
         "transforms": {"scope_from_reference": calibration.scope_from_reference.tolist()},
         "view_errors_px": list(calibration.view_errors_px),
     }
+    if projector is not None:
+        content["projector"] = {
+            "projector_from_camera": projector.projector_from_camera.tolist(),
+            "period_tan": projector.period_tan,
+            "phase_turns": projector.phase_turns,
+            "view_errors_turns": list(projector.view_errors_turns),
+            "deviations": dict(projector.deviations),
+        }
+    if hand_eye is not None:
+        content["hand_eye"] = {
+            "flange_from_camera": hand_eye.flange_from_camera.tolist(),
+            "world_from_board": hand_eye.world_from_board.tolist(),
+            "view_errors_px": list(hand_eye.view_errors_px),
+        }
     partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -62,7 +111,12 @@ def save_calibration(path: Path, calibration: StereoCalibration) -> None:
 
 
 def load_calibration(path: Path) -> StereoCalibration:
-    """Read a calibration.
+    """Read the calibration of the two cameras; errors as of `load_record`."""
+    return load_record(path).stereo
+
+
+def load_record(path: Path) -> CalibrationRecord:
+    """Read a calibration with those of its optional sections that it has.
 
     Raises:
         MissingFileError: If there is no such file.
@@ -82,11 +136,15 @@ def load_calibration(path: Path) -> StereoCalibration:
     if content.get("units") != UNITS:
         raise InvalidValueError(f"units of {path}", content.get("units"), f"{UNITS}")
     try:
-        return StereoCalibration(
-            scope=_camera(_field(content, "cameras", "scope")),
-            reference=_camera(_field(content, "cameras", "reference")),
-            scope_from_reference=_array(_field(content, "transforms", "scope_from_reference")),
-            view_errors_px=_numbers(_field(content, "view_errors_px")),
+        return CalibrationRecord(
+            stereo=StereoCalibration(
+                scope=_camera(_field(content, "cameras", "scope")),
+                reference=_camera(_field(content, "cameras", "reference")),
+                scope_from_reference=_array(_field(content, "transforms", "scope_from_reference")),
+                view_errors_px=_numbers(_field(content, "view_errors_px")),
+            ),
+            projector=_projector(content["projector"]) if "projector" in content else None,
+            hand_eye=_hand_eye(content["hand_eye"]) if "hand_eye" in content else None,
         )
     except InvalidValueError as error:
         raise InvalidValueError("calibration", str(path), f"a complete and valid one ({error})") from error
@@ -114,6 +172,24 @@ def _camera(content: Any) -> CameraCalibration:
         ),
         view_errors_px=_numbers(_field(content, "view_errors_px")),
         camera_from_board=_array(_field(content, "camera_from_board")),
+    )
+
+
+def _projector(content: Any) -> ProjectorCalibration:
+    return ProjectorCalibration(
+        projector_from_camera=_array(_field(content, "projector_from_camera")),
+        period_tan=_number(_field(content, "period_tan")),
+        phase_turns=_number(_field(content, "phase_turns")),
+        view_errors_turns=_numbers(_field(content, "view_errors_turns")),
+        deviations={name: _number(_field(content, "deviations", name)) for name in UNKNOWNS},
+    )
+
+
+def _hand_eye(content: Any) -> HandEyeCalibration:
+    return HandEyeCalibration(
+        flange_from_camera=_array(_field(content, "flange_from_camera")),
+        world_from_board=_array(_field(content, "world_from_board")),
+        view_errors_px=_numbers(_field(content, "view_errors_px")),
     )
 
 

@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 MIN_VIEWS = 5
 """Fewer views of a plane leave intrinsics and poses badly told apart."""
+_UNDISTORT_STEPS = 30
+"""Each leaves a fraction of the error that is the distortion's slope, a quarter at the corners of a strong barrel."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,6 +56,15 @@ class CameraCalibration:
         x, y = self.distortion.apply(points_in_camera[..., 0] / z, points_in_camera[..., 1] / z)
         k = self.intrinsics
         return np.stack([k.fx * x + k.cx, k.fy * y + k.cy], axis=-1)
+
+    def undistorted_rays(self) -> Array:
+        """Return the rays (height, width, 3), of z = 1, that the lens shows at all pixel centres; by fixed-point iteration."""
+        rays: Array = self.intrinsics.rays
+        x, y = seen_x, seen_y = rays[..., 0], rays[..., 1]
+        for _ in range(_UNDISTORT_STEPS):
+            shown_x, shown_y = self.distortion.apply(x, y)
+            x, y = x + seen_x - shown_x, y + seen_y - shown_y
+        return np.stack([x, y, rays[..., 2]], axis=-1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

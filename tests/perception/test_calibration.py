@@ -9,7 +9,14 @@ from scipy.spatial.transform import Rotation
 from laploop.assets.calibration_board import CalibrationBoard
 from laploop.errors import InvalidValueError, MissingFileError, OutputError
 from laploop.perception.calibration.board_corners import find_corners, find_corners_of_views
-from laploop.perception.calibration.calibration_file import load_calibration, save_calibration
+from laploop.perception.calibration.calibration_file import (
+    CalibrationRecord,
+    load_calibration,
+    load_record,
+    save_calibration,
+)
+from laploop.perception.calibration.hand_eye import HandEyeCalibration
+from laploop.perception.calibration.projector import UNKNOWNS, ProjectorCalibration
 from laploop.perception.calibration.results import CameraCalibration, transform_residual
 from laploop.perception.calibration.solve import calibrate_camera, calibrate_stereo
 from laploop.perception.geometry import Intrinsics, invert_transform, transform_points
@@ -289,3 +296,54 @@ def test_a_failed_save_leaves_the_older_file_as_it_was(stereo, tmp_path, monkeyp
         save_calibration(path, stereo)
     assert path.read_text() == "older"
     assert [entry.name for entry in tmp_path.iterdir()] == ["calibration.json"]
+
+
+def whole_record(stereo):
+    projector_from_camera = pose((0.1, 0.2, 0.3), (-0.005, 0.0, 0.0))
+    projector = ProjectorCalibration(
+        projector_from_camera=projector_from_camera,
+        period_tan=0.0577,
+        phase_turns=-0.25,
+        view_errors_turns=(0.01,) * 5,
+        deviations=dict.fromkeys(UNKNOWNS, 1e-6),
+    )
+    hand_eye = HandEyeCalibration(
+        flange_from_camera=pose((0.0, 1.0, 0.0), (-0.0025, 0.0, 0.42)), world_from_board=np.eye(4), view_errors_px=(0.1,) * 5
+    )
+    return CalibrationRecord(stereo=stereo, projector=projector, hand_eye=hand_eye)
+
+
+def test_file_keeps_projector_and_hand_eye_where_there_are_any(stereo, tmp_path):
+    path, record = tmp_path / "calibration.json", whole_record(stereo)
+    save_calibration(path, stereo)
+    assert load_record(path).projector is None
+    assert load_record(path).hand_eye is None
+    save_calibration(path, stereo, projector=record.projector, hand_eye=record.hand_eye)
+    loaded = load_record(path)
+    np.testing.assert_array_equal(loaded.projector.projector_from_camera, record.projector.projector_from_camera)
+    assert loaded.projector.period_tan == record.projector.period_tan
+    assert loaded.projector.phase_turns == record.projector.phase_turns
+    assert loaded.projector.view_errors_turns == record.projector.view_errors_turns
+    assert loaded.projector.deviations == record.projector.deviations
+    np.testing.assert_array_equal(loaded.hand_eye.flange_from_camera, record.hand_eye.flange_from_camera)
+    assert loaded.hand_eye.view_errors_px == record.hand_eye.view_errors_px
+
+
+@pytest.mark.parametrize(
+    ("section", "change", "message"),
+    [
+        ("projector", {"period_tan": 0.0}, "period_tan is 0.0; allowed: above 0"),
+        ("projector", {"phase_turns": 0.7}, "-0.5 to 0.5"),
+        ("projector", {"deviations": {}}, "missing field is 'deviations.x_m'"),
+        ("hand_eye", {"view_errors_px": [0.1]}, "number of views is 1"),
+        ("hand_eye", {"flange_from_camera": np.diag([2.0, 1.0, 1.0, 1.0]).tolist()}, "a rigid transform"),
+    ],
+)
+def test_damaged_sections_are_refused(stereo, tmp_path, section, change, message):
+    path, record = tmp_path / "calibration.json", whole_record(stereo)
+    save_calibration(path, stereo, projector=record.projector, hand_eye=record.hand_eye)
+    content = json.loads(path.read_text())
+    content[section].update(change)
+    path.write_text(json.dumps(content))
+    with pytest.raises(InvalidValueError, match=message):
+        load_record(path)

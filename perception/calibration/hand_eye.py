@@ -1,0 +1,127 @@
+"""Where the camera is on the arm's flange, from views of a fixed board (AX = XB)."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from laploop.assets.calibration_board import CalibrationBoard
+from laploop.errors import InvalidValueError
+from laploop.perception.calibration.poses import place_board, pose_as_vector, vectors_as_poses
+from laploop.perception.calibration.results import CameraCalibration, check_rigid, check_view_count
+from laploop.perception.geometry import invert_transform
+
+Array = NDArray[np.float64]
+
+_LEAST_TURN_DEG = 10.0
+"""About the second of the axes that the arm turned about; with turns about one axis alone, the shift along it is unknown."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HandEyeCalibration:
+    """The camera on the flange, and the board in the arm's world."""
+
+    flange_from_camera: Array
+    """4x4, metres."""
+    world_from_board: Array
+    """4x4, metres."""
+    view_errors_px: tuple[float, ...]
+    """For each view the root mean square distance between corners and reprojections, the joint angles being taken as true."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If a transform is not rigid, an error is not a distance, or there are too few views.
+        """
+        check_view_count(len(self.view_errors_px))
+        if not all(math.isfinite(error) and error >= 0.0 for error in self.view_errors_px):
+            raise InvalidValueError("view_errors_px", self.view_errors_px, "finite numbers from 0 on")
+        for name in ("flange_from_camera", "world_from_board"):
+            transform = np.array(getattr(self, name), dtype=np.float64)
+            check_rigid(name, transform)
+            transform.flags.writeable = False
+            object.__setattr__(self, name, transform)
+
+    @property
+    def error_px(self) -> float:
+        """Root mean square over all views, pixels."""
+        return math.sqrt(sum(error * error for error in self.view_errors_px) / len(self.view_errors_px))
+
+
+def calibrate_hand_eye(
+    world_from_flange: Sequence[Array], views: Sequence[Array], board: CalibrationBoard, camera: CameraCalibration
+) -> HandEyeCalibration:
+    """Estimate the camera's pose on the flange.
+
+    Park and Martin's closed form (IEEE Trans Robot Autom 1994) on the poses of single views is the start; then the camera on
+    the flange and the board in the world are refined on the corners of all views, the arm's poses being taken as true.
+
+    Args:
+        world_from_flange: The arm's forward kinematics, (4, 4) a view.
+        views: The board's corners, (n, 2) a view.
+        board: Stands still.
+        camera: The calibrated camera.
+
+    Raises:
+        InvalidValueError: If there are too few views, not as many poses, or the arm did not turn about two axes.
+    """
+    check_view_count(len(views))
+    if len(world_from_flange) != len(views):
+        raise InvalidValueError("number of the flange's poses", len(world_from_flange), f"{len(views)}, one a view")
+    corners, points = np.array(views), board.corners
+    camera_from_board = [place_board(camera, view, points) for view in corners]
+    flange_from_camera = solve_ax_xb(world_from_flange, camera_from_board)
+    flange_from_world = np.array([invert_transform(pose) for pose in world_from_flange])
+    world_from_board = world_from_flange[0] @ flange_from_camera @ camera_from_board[0]
+
+    def misfit(values: Array) -> Array:
+        x, board_pose = vectors_as_poses(values.reshape(2, 6))
+        placed = invert_transform(x) @ flange_from_world @ board_pose
+        in_camera = points @ placed[:, :3, :3].transpose(0, 2, 1) + placed[:, None, :3, 3]
+        return corners - camera.project(in_camera)
+
+    start = np.concatenate([pose_as_vector(flange_from_camera), pose_as_vector(world_from_board)])
+    solution: Any = least_squares(lambda values: misfit(values).ravel(), start, x_scale="jac", jac="3-point")
+    found = vectors_as_poses(solution.x.reshape(2, 6))
+    squares = (misfit(solution.x) ** 2).sum(axis=-1).mean(axis=-1)
+    return HandEyeCalibration(
+        flange_from_camera=found[0],
+        world_from_board=found[1],
+        view_errors_px=tuple(float(error) for error in np.sqrt(squares)),
+    )
+
+
+def solve_ax_xb(world_from_flange: Sequence[Array], camera_from_board: Sequence[Array]) -> Array:
+    """Return X = flange_from_camera, 4x4, of A X = X B for the motions A and B between all pairs of poses.
+
+    The rotation turns the axes of the camera's motions into those of the flange's, each as long as its angle; the shift
+    follows from a linear system.
+
+    Raises:
+        InvalidValueError: If the arm did not turn about two different axes.
+    """
+    motions = []
+    for i, j in combinations(range(len(world_from_flange)), 2):
+        a = invert_transform(world_from_flange[j]) @ world_from_flange[i]
+        b = camera_from_board[j] @ invert_transform(camera_from_board[i])
+        motions.append((a, b))
+    a, b = (np.array(side) for side in zip(*motions, strict=True))
+    axes_a, axes_b = (Rotation.from_matrix(side[:, :3, :3]).as_rotvec() for side in (a, b))
+    spread_deg = math.degrees(float(np.linalg.svd(axes_a, compute_uv=False)[1]) / math.sqrt(len(axes_a)))
+    if spread_deg < _LEAST_TURN_DEG:
+        allowed = f"at least {_LEAST_TURN_DEG:g}; tilt the camera to all sides"
+        raise InvalidValueError("turn of the flange about a second axis, in degrees", round(spread_deg, 1), allowed)
+    rotation = Rotation.align_vectors(axes_a, axes_b)[0].as_matrix()
+    system = (a[:, :3, :3] - np.eye(3)).reshape(-1, 3)
+    right = (b[:, :3, 3] @ rotation.T - a[:, :3, 3]).ravel()
+    solution = np.eye(4)
+    solution[:3, :3] = rotation
+    solution[:3, 3] = np.linalg.lstsq(system, right, rcond=None)[0]
+    return solution
