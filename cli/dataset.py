@@ -4,8 +4,17 @@ from pathlib import Path
 
 from laploop.cli.synthesize import STORE
 
+PAIRS = "pairs.zarr"
+"""Name of the data set inside the folder that `laploop collect` writes."""
+
 
 def dataset_path(given: Path) -> Path:
-    """Return the data set inside a folder that `laploop synthesize` wrote; anything else is taken for the data set itself."""
+    """Return the data set inside a folder that `laploop synthesize` or `laploop collect` wrote.
+
+    Anything else is taken for the data set itself.
+    """
     given = given.expanduser()
-    return given / STORE if (given / STORE).is_dir() else given
+    for name in (STORE, PAIRS):
+        if (given / name).is_dir():
+            return given / name
+    return given

@@ -1,5 +1,6 @@
 """One tissue on its stage and a free instrument: the part of the theatre that the endoscope can see, without arms."""
 
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -16,7 +17,7 @@ Array = NDArray[np.float64]
 
 _PLATE = "stage/plate"
 _HOLDER = "tool_holder"
-_TIMESTEP_S = 0.002
+TIMESTEP_S = 0.002
 _AWAY = np.array([2.0, 0.0, 1.0])
 
 
@@ -26,14 +27,20 @@ class TrainingScene:
     World: z up, metres, origin in the middle of the stage's upper face, on which the phantom lies.
     """
 
-    def __init__(self, config: TissueConfig, rng: np.random.Generator) -> None:
-        """Grow one tissue from `rng` and compile it with stage and instrument."""
+    def __init__(self, config: TissueConfig, rng: np.random.Generator, *, furnish: Callable[[Any], None] | None = None) -> None:
+        """Grow one tissue from `rng` and compile it with stage and instrument.
+
+        Args:
+            config: The tissue.
+            rng: Source of its shape.
+            furnish: Adds to the `mujoco.MjSpec`, before it is compiled, what else stands around the stage.
+        """
         height = height_field(config.shape, rng)
         mesh = solid_mesh(config.shape, height)
         self.mean_height_m = float(height.mean())
         spec = build_stage()
         spec.modelname = "training"
-        spec.option.timestep = _TIMESTEP_S
+        spec.option.timestep = TIMESTEP_S
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
         spec.option.solver = mujoco.mjtSolver.mjSOL_CG
         spec.option.tolerance = 1e-6
@@ -46,8 +53,11 @@ class TrainingScene:
         spec.attach(build_phantom(mesh, config), prefix="phantom/", frame=plate.add_frame())
         holder = spec.worldbody.add_body(name=_HOLDER, mocap=True)
         spec.attach(build_instrument(), prefix="tool_arm/instrument/", frame=holder.add_frame())
+        if furnish is not None:
+            furnish(spec)
         self.model: Any = spec.compile()
         self.data: Any = mujoco.MjData(self.model)
+        self._plate = int(self.model.body(_PLATE).mocapid[0])
         self._holder = int(self.model.body(_HOLDER).mocapid[0])
         flex = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_FLEX, f"phantom/{TISSUE}")
         self._rows = int(self.model.flex_vertadr[flex]) + mesh.surface_vertices.astype(np.intp)
@@ -64,6 +74,10 @@ class TrainingScene:
         """Return the vertices of the tissue's top, (n, 3)."""
         return np.asarray(self.data.flexvert_xpos[self._rows[: self._top]])
 
+    def surface_points(self) -> Array:
+        """Return a copy of all vertices of the tissue's surface, (n, 3)."""
+        return np.array(self.data.flexvert_xpos[self._rows])
+
     def place_tool(self, tip: Array, axis: Array) -> None:
         """Put the centre of the instrument's ball end at `tip` (3,), its shaft along the unit vector `axis` to the tip."""
         self._hold(tip, axis)
@@ -74,7 +88,7 @@ class TrainingScene:
 
         Moderately fast, as the tissue's look matters and not its history.
         """
-        steps = max(1, round(travel_m / (speed_m_s * _TIMESTEP_S)))
+        steps = max(1, round(travel_m / (speed_m_s * TIMESTEP_S)))
         for step in range(steps + 1):
             self._hold(tip - axis * travel_m * (1.0 - step / steps), axis)
             mujoco.mj_step(self.model, self.data)
