@@ -23,6 +23,8 @@ _ATTEMPTS = (
 )
 """Flags, tried in turn. Equal histograms bring out a board in dim light, but make texture of the noise of a dark surround, and
 hide others: each alone loses views that the other finds."""
+_LEAST_OUTER_CONTRAST = 0.3
+"""Of the outermost squares of each side, as a share of the inner ones' contrast; on blank paper it is zero."""
 
 
 def find_corners(image: NDArray[np.uint8], board: CalibrationBoard) -> Array | None:
@@ -49,7 +51,8 @@ def find_corners(image: NDArray[np.uint8], board: CalibrationBoard) -> Array | N
     half = max(2, int(_WINDOW_OF_SQUARE * square_px))
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
     fine = cv2.cornerSubPix(grey, coarse.reshape(-1, 1, 2), (half, half), (-1, -1), stop)
-    return _in_order(np.asarray(fine, dtype=np.float64).reshape(down, across, 2), grey).reshape(-1, 2) + _OPENCV_CENTRE
+    corners = _in_order(np.asarray(fine, dtype=np.float64).reshape(down, across, 2), grey)
+    return corners.reshape(-1, 2) + _OPENCV_CENTRE if _shows_whole_board(corners, grey) else None
 
 
 def find_corners_of_views(images: Sequence[NDArray[np.uint8]], board: CalibrationBoard) -> list[Array]:
@@ -100,9 +103,33 @@ def _in_order(corners: Array, grey: NDArray[np.uint8]) -> Array:
     along, downwards = corners[0, -1] - corners[0, 0], corners[-1, 0] - corners[0, 0]
     if along[0] * downwards[1] - along[1] * downwards[0] < 0.0:
         corners = corners[::-1]
+    # Seen from its first corner, the first square within the corners is dark, as the one left above is.
+    return corners if _contrast(_squares(corners, grey)) > 0.0 else corners[::-1, ::-1]
+
+
+def _shows_whole_board(corners: Array, grey: NDArray[np.uint8]) -> bool:
+    """Tell whether squares lie outside of all outer corners (down, across, 2), in order.
+
+    Where one direction has a corner more than the other, the detector now and then takes the board by a quarter turn, and the
+    squares' outline on the blank border for the corners that it misses.
+    """
+    outer = np.pad(corners, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
+    squares = _squares(outer, grey)
+    least = _LEAST_OUTER_CONTRAST * _contrast(squares[1:-1, 1:-1])
+    last = np.array(squares.shape) - 1
+    # The first square of the last row and column is dark or bright as their number says.
+    sides = ((squares[:1], 0), (squares[-1:], last[0]), (squares[:, :1], 0), (squares[:, -1:], last[1]))
+    return all((1 - 2 * (first % 2)) * _contrast(side) > least for side, first in sides)
+
+
+def _squares(corners: Array, grey: NDArray[np.uint8]) -> Array:
+    """Return the grey values in the middles of the squares between corners (down, across, 2)."""
     middles = 0.25 * (corners[:-1, :-1] + corners[1:, :-1] + corners[:-1, 1:] + corners[1:, 1:])
     column, row = np.moveaxis(np.round(middles).astype(np.intp), -1, 0)
-    values = grey[np.clip(row, 0, grey.shape[0] - 1), np.clip(column, 0, grey.shape[1] - 1)].astype(np.float64)
-    # Seen from its first corner, the first square within the corners is dark, as the one left above is.
-    even = np.add.outer(np.arange(values.shape[0]), np.arange(values.shape[1])) % 2 == 0
-    return corners if values[even].mean() < values[~even].mean() else corners[::-1, ::-1]
+    return grey[np.clip(row, 0, grey.shape[0] - 1), np.clip(column, 0, grey.shape[1] - 1)].astype(np.float64)
+
+
+def _contrast(squares: Array) -> float:
+    """Return how much brighter the squares are whose row and column add up to an odd number."""
+    even = np.add.outer(np.arange(squares.shape[0]), np.arange(squares.shape[1])) % 2 == 0
+    return float(squares[~even].mean() - squares[even].mean())

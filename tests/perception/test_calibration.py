@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from laploop.assets.calibration_board import CalibrationBoard
 from laploop.errors import InvalidValueError, MissingFileError, OutputError
+from laploop.perception.calibration import board_corners
 from laploop.perception.calibration.board_corners import find_corners, find_corners_of_views
 from laploop.perception.calibration.calibration_file import (
     CalibrationRecord,
@@ -103,6 +104,20 @@ def test_corners_are_found_in_order_however_the_board_is_turned(turn_deg):
     error = found - corners_in(model, [turned])[0]
     assert np.abs(error).max() < 0.2
     assert np.abs(error.mean(axis=0)).max() < 0.03
+
+
+@pytest.mark.parametrize("shift", [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_grid_that_takes_the_outline_of_the_squares_for_corners_is_refused(monkeypatch, shift):
+    """The detector does that now and then, and one such view spoils a calibration."""
+    turned = pose((12.0, -15.0, 40.0), (0.0, 0.0, 0.0))
+    turned[:3, 3] = [0.0, 0.0, 0.09] - turned[:3, :3] @ BOARD.centre
+    model = camera(SCOPE)
+    step = 1e-3 * BOARD.square_mm * np.array([*shift, 0.0])
+    across, down = BOARD.corner_grid
+    for offset, is_found in ((np.zeros(3), True), (step, False)):
+        grid = model.project(transform_points(turned, BOARD.corners + offset)).reshape(down, across, 2) - 0.5
+        monkeypatch.setattr(board_corners, "_find_grid", lambda *_, grid=grid: grid.astype(np.float32))
+        assert (find_corners(draw(model, turned), BOARD) is not None) == is_found
 
 
 def test_colour_pictures_give_the_same_corners():
