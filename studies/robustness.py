@@ -1,0 +1,188 @@
+"""What becomes of a model outside of its training set, and whether its confidence knows."""
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import Progress
+
+from laploop.assets.scope_optics import ScopeOptics
+from laploop.errors import InvalidValueError
+from laploop.perception.estimators.oracle import OracleEstimator
+from laploop.perception.geometry import Rig
+from laploop.perception.metrics import DepthErrors, DepthMetrics, MetricsInterval, bootstrap_interval
+from laploop.studies.depth_evaluation import EstimatorCache
+from laploop.studies.depth_table import write_texts
+from laploop.studies.robustness_scenes import CONDITIONS, RobustnessConfig, robustness_frames
+
+_SETS = 4
+"""Errors of: all pixels in the range of depth; those of them that the model calls valid; all that it calls valid; those in the
+range that the projector lights."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobustnessRow:
+    """One model under one condition."""
+
+    model: str
+    condition: str
+    frames: int
+    every: DepthMetrics
+    """Over all pixels in the range of depth."""
+    every_interval: MetricsInterval
+    valid: DepthMetrics
+    """Over those of them that the model calls valid."""
+    valid_interval: MetricsInterval
+    claimed: DepthMetrics
+    """Over all pixels that the model calls valid, those outside the range of depth too, such as the instrument's."""
+    lit: DepthMetrics
+    """Over all pixels in the range of depth that the projector reaches: in a shadow there is nothing to read."""
+    valid_share: float
+    """Share of the pixels in the range of depth that the model calls valid."""
+    ratio: float
+    """Mean absolute error of all pixels relative to that of the nominal condition."""
+    lit_ratio: float
+    """The same for the pixels that the projector reaches."""
+    valid_ratio: float
+    """The same for the pixels that the model calls valid."""
+
+    def flat(self) -> dict[str, object]:
+        """Return the row as a flat dictionary; what is unknown is None."""
+        line: dict[str, object] = {
+            "model": self.model,
+            "condition": self.condition,
+            "frames": self.frames,
+            "pixels": self.every.pixels,
+            "mae_mm": self.every.mae_mm,
+            "mae_mm_low": self.every_interval.low.mae_mm,
+            "mae_mm_high": self.every_interval.high.mae_mm,
+            "acc_1_1": self.every.acc_1_1,
+            "rmse_mm": self.every.rmse_mm,
+            "beyond_20mm": self.every.beyond_20mm,
+            "ratio": self.ratio,
+            "lit_share": self.lit.pixels / max(1, self.every.pixels),
+            "lit_mae_mm": self.lit.mae_mm,
+            "lit_ratio": self.lit_ratio,
+            "valid_share": self.valid_share,
+            "valid_mae_mm": self.valid.mae_mm,
+            "valid_mae_mm_low": self.valid_interval.low.mae_mm,
+            "valid_mae_mm_high": self.valid_interval.high.mae_mm,
+            "valid_ratio": self.valid_ratio,
+            "valid_any_depth_mae_mm": self.claimed.mae_mm,
+        }
+        return {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in line.items()}
+
+
+def measure_robustness(
+    models: Sequence[str],
+    scope: ScopeOptics,
+    *,
+    config: RobustnessConfig | None = None,
+    weights: Mapping[str, Path] | None = None,
+    range_mm: tuple[float, float] = (60.0, 140.0),
+    progress: bool = True,
+) -> list[RobustnessRow]:
+    """Measure models under every condition against exact truth; a monocular baseline is taken raw.
+
+    Raises:
+        InvalidValueError: If no model is named.
+        UnknownNameError: If a model's name is unknown.
+    """
+    if not models:
+        raise InvalidValueError("models", list(models), "one name or more")
+    chosen = config or RobustnessConfig()
+    estimators = EstimatorCache(models, weights)
+    # Made before any work starts, so that what is missing is said at once.
+    estimators.all(Rig.from_optics(scope))
+    sums = np.zeros((len(CONDITIONS), len(models), _SETS, chosen.tissues, 8))
+    places = {name: place for place, name in enumerate(CONDITIONS)}
+    with Progress(console=Console(stderr=True), disable=not progress) as bar:
+        task = bar.add_task("robustness", total=len(CONDITIONS) * chosen.frames)
+        for frame in robustness_frames(chosen, scope):
+            truth = frame.depth_mm
+            hit = np.isfinite(truth)
+            counted = hit & (truth >= range_mm[0]) & (truth <= range_mm[1])
+            for number, estimator in enumerate(estimators.all(frame.rig).values()):
+                if isinstance(estimator, OracleEstimator):
+                    estimator.see_truth(truth)
+                estimate = estimator.estimate(frame.image)
+                for which, mask in enumerate((counted, counted & estimate.valid, hit & estimate.valid, counted & frame.lit)):
+                    errors = DepthErrors()
+                    errors.add(estimate.depth_mm, truth, mask)
+                    sums[places[frame.condition], number, which, frame.tissue] += errors.sums
+            bar.update(task, advance=1)
+    return [
+        _row(model, condition, sums[place, number], sums[0, number], chosen)
+        for number, model in enumerate(models)
+        for condition, place in places.items()
+    ]
+
+
+def _row(
+    model: str,
+    condition: str,
+    sums: NDArray[np.float64],
+    nominal: NDArray[np.float64],
+    config: RobustnessConfig,
+) -> RobustnessRow:
+    every, valid, claimed, lit = (DepthErrors(sums=part.sum(axis=0)).metrics() for part in sums)
+    usual = [DepthErrors(sums=part.sum(axis=0)).metrics().mae_mm for part in nominal]
+    intervals = [bootstrap_interval(part, np.random.default_rng(config.seed)) for part in sums[:2]]
+    return RobustnessRow(
+        model=model,
+        condition=condition,
+        frames=config.frames,
+        every=every,
+        every_interval=intervals[0],
+        valid=valid,
+        valid_interval=intervals[1],
+        claimed=claimed,
+        lit=lit,
+        valid_share=valid.pixels / max(1, every.pixels),
+        ratio=every.mae_mm / usual[0] if usual[0] > 0.0 else math.nan,
+        lit_ratio=lit.mae_mm / usual[3] if usual[3] > 0.0 else math.nan,
+        valid_ratio=valid.mae_mm / usual[1] if usual[1] > 0.0 else math.nan,
+    )
+
+
+def write_robustness(rows: Sequence[RobustnessRow], out: Path) -> None:
+    """Write `robustness.csv` and `robustness.md` into the folder `out`.
+
+    Raises:
+        OutputError: If the folder cannot be written.
+    """
+    flat = [row.flat() for row in rows]
+    lines = io.StringIO()
+    writer = csv.DictWriter(lines, fieldnames=list(flat[0]))
+    writer.writeheader()
+    writer.writerows(flat)
+    write_texts(out, {"robustness.csv": lines.getvalue(), "robustness.md": robustness_markdown(rows)})
+
+
+def robustness_markdown(rows: Sequence[RobustnessRow]) -> str:
+    """Return the rows as a Markdown table, with what each condition is."""
+    head = (
+        "| model | condition | frames | MAE mm | to nominal | lit | MAE mm, lit | to nominal | called valid "
+        "| MAE mm, called valid | the same at any depth |\n|---|---|---|---|---|---|---|---|---|---|---|\n"
+    )
+    body = "".join(
+        f"| {row.model} | {row.condition} | {row.frames} | {_number(row.every.mae_mm)} | {_number(row.ratio)} "
+        f"| {100 * row.lit.pixels / max(1, row.every.pixels):.1f} % | {_number(row.lit.mae_mm)} | {_number(row.lit_ratio)} "
+        f"| {100 * row.valid_share:.1f} % | {_number(row.valid.mae_mm)} | {_number(row.claimed.mae_mm)} |\n"
+        for row in rows
+    )
+    meanings = "".join(f"- {name}: {meaning}\n" for name, meaning in CONDITIONS.items())
+    return (
+        f"{head}{body}\nTissues that no data set holds, against exact truth, pixels in the range of depth; the last column "
+        f"also counts what the model calls valid outside of it.\n\n{meanings}"
+    )
+
+
+def _number(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.2f}"
