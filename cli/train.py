@@ -1,10 +1,10 @@
-"""`laploop train`: the compact depth network."""
+"""`laploop train`: the depth networks. Which options there are depends on the model."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -12,19 +12,24 @@ from laploop.cli.console import ResultTable
 from laploop.cli.dataset import dataset_path
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
-from laploop.errors import OutputError
+from laploop.cli.train_staged import STAGED_MODELS, last_epoch, train_staged
+from laploop.errors import OutputError, UnknownNameError
 from laploop.perception.networks.compact_unet import CompactConfig
 from laploop.perception.training import CHECKPOINT_NAME, LOG_NAME, CompactTraining, train_compact
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrainArguments:
-    """Train the compact depth network on a data set that `laploop synthesize` made.
+    """Train a depth network; these are the options of `--model compact`, on a data set that `laploop synthesize` made.
+
+    `--model ssle --help`, `--model dual-unet --help` and `--model ssle-phase --help` list those of the other models.
 
     Writes the weights, a checkpoint and `log.csv` after every epoch, and `summary.json` at the end. When it was stopped, the
     same command with `--resume` goes on where it was.
     """
 
+    model: Literal["compact"] = "compact"
+    """Which network."""
     training: Annotated[CompactTraining, tyro.conf.arg(name="")] = field(default_factory=CompactTraining)
     network: CompactConfig = field(default_factory=CompactConfig)
     dataset: Path
@@ -37,6 +42,8 @@ class TrainArguments:
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
+    if model_of(arguments) != "compact":
+        return train_staged(arguments)
     chosen = parse(TrainArguments, arguments, "train")
     dataset = dataset_path(chosen.dataset)
     with OutputFolder(chosen.out, "train") as folder:
@@ -44,7 +51,7 @@ def main(arguments: Sequence[str]) -> int:
             raise OutputError(f"{folder.path} holds a checkpoint; pass --resume to go on from it, or choose another --out")
         folder.forget_summary()
         weights = train_compact(dataset, folder.path, training=chosen.training, network=chosen.network, resume=chosen.resume)
-        last = _last_epoch(folder.path / LOG_NAME)
+        last = last_epoch(folder.path / LOG_NAME)
         results = {"weights": weights.name, **last}
         folder.write_summary(results, config=chosen, seed=chosen.training.seed)
     table = ResultTable("compact network")
@@ -54,7 +61,19 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _last_epoch(log: Path) -> dict[str, float]:
-    with log.open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.DictReader(stream))
-    return {name: float(value) for name, value in rows[-1].items()}
+def model_of(arguments: Sequence[str]) -> str:
+    """Return which model is asked for, since the options depend on it; `compact` where none is.
+
+    Raises:
+        UnknownNameError: If there is no such model.
+    """
+    name = "compact"
+    for here, after in zip_longest(arguments, arguments[1:]):
+        if here == "--model" and after is not None:
+            name = after
+        elif here.startswith("--model="):
+            name = here.removeprefix("--model=")
+    models = ("compact", *STAGED_MODELS)
+    if name not in models:
+        raise UnknownNameError("model", name, models)
+    return name

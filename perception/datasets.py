@@ -73,6 +73,6 @@ def open_dataset(path: Path) -> DepthDataset:
     found = zarr.open_group(store=path, mode="r").attrs.get("format")
     if found == pair_store.FORMAT:
         return PairStore.open(path)
-    if found == frame_store.FORMAT:
+    if found in frame_store.FORMATS:
         return FrameStore.open(path)
-    raise InvalidValueError(f"format of the data set {path}", found, f"{frame_store.FORMAT} or {pair_store.FORMAT}")
+    raise InvalidValueError(f"format of the data set {path}", found, " or ".join((*frame_store.FORMATS, pair_store.FORMAT)))

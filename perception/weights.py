@@ -5,6 +5,7 @@ import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -63,12 +64,8 @@ def load_weights(
         MissingFileError: If there is no such file.
         WeightsError: If it is a pickle, truncated or damaged, or holds another architecture.
     """
-    if not path.is_file():
-        raise MissingFileError("weights", path, "give another path, or train them with `laploop train`")
-    with path.open("rb") as stream:
-        start = stream.read(4)
-    if start.startswith(_PICKLE_STARTS):
-        raise WeightsError(f"{path} is a pickle (or torch archive), which could run code; allowed: safetensors")
+    _refuse_missing(path)
+    refuse_pickle(path)
     try:
         with safe_open(path, framework="pt") as file:
             metadata = dict(file.metadata() or {})
@@ -86,3 +83,44 @@ def load_weights(
         if tensor.is_floating_point() and not bool(torch.isfinite(tensor).all()):
             raise WeightsError(f"{path} holds NaN or infinite values in {name!r}; allowed: finite values")
     return tensors, metadata
+
+
+def read_architecture(path: Path, form: str) -> dict[str, Any]:
+    """Return the description of the architecture that a file's weights fit, without reading the weights.
+
+    Args:
+        path: A file that `save_weights` wrote.
+        form: The `format` that the description must have.
+
+    Raises:
+        MissingFileError: If there is no such file.
+        WeightsError: If it is a pickle, truncated or damaged, or of another format.
+    """
+    _refuse_missing(path)
+    refuse_pickle(path)
+    try:
+        with safe_open(path, framework="pt") as file:
+            described = json.loads((file.metadata() or {}).get("architecture", "{}"))
+    except (SafetensorError, OSError, ValueError) as error:
+        raise WeightsError(f"{path} is truncated or not safetensors ({error}); allowed: a whole safetensors file") from error
+    found = described.get("format", "not described") if isinstance(described, dict) else "not described"
+    if found != form:
+        raise WeightsError(f"{path} holds weights of format {found!r}; allowed: {form!r}")
+    return dict(described)
+
+
+def refuse_pickle(path: Path) -> None:
+    """Refuse a file that starts like a pickle or torch's archive of one.
+
+    Raises:
+        WeightsError: If it does.
+    """
+    with path.open("rb") as stream:
+        start = stream.read(4)
+    if start.startswith(_PICKLE_STARTS):
+        raise WeightsError(f"{path} is a pickle (or torch archive), which could run code; allowed: safetensors")
+
+
+def _refuse_missing(path: Path) -> None:
+    if not path.is_file():
+        raise MissingFileError("weights", path, "give another path, or train them with `laploop train`")

@@ -3,7 +3,7 @@
 import multiprocessing
 import signal
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -13,16 +13,21 @@ from rich.progress import Progress
 from laploop.assets.phantom import TissueConfig
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.shafts import INSTRUMENT
+from laploop.envs.sensors.scope_ranges import ScopeRanges, draw_scope
 from laploop.envs.sensors.stripe_camera import StripeCamera
-from laploop.errors import InvalidValueError, OutputError
+from laploop.errors import InvalidValueError, OutputError, check_range
 from laploop.perception.frame_store import SPLITS, FrameStore
 from laploop.perception.geometry import Rig
-from laploop.studies.frame_conditions import FrameRanges, draw_camera, draw_optics, draw_tool
+from laploop.studies.frame_conditions import CameraPose, FrameRanges, draw_camera, draw_optics, draw_tool
+from laploop.studies.hard_conditions import ill_exposure, place_large_tool
 from laploop.studies.training_scene import TrainingScene
 
 _TISSUE_STREAM = 71
 """Keeps the tissues' random numbers apart from those of theatres, whose seeds are small integers too."""
 _PRESS_TRAVEL_M = 0.006
+_ILL_EXPOSED_SHARES = (0.1, 0.5)
+_ADDED_LATER = ("randomised_scopes", "scope_ranges", "large_tool_share", "ill_exposed_share")
+"""Not in the recipe where they change nothing, so that data sets made before they existed can still be gone on with."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +44,13 @@ class TrainingFramesConfig:
     workers: int = 2
     optics: ScopeOptics = field(default_factory=ScopeOptics)
     ranges: FrameRanges = field(default_factory=FrameRanges)
+    randomised_scopes: float = 0.0
+    """Share of the tissues that are seen through a scope of their own, drawn from `scope_ranges`."""
+    scope_ranges: ScopeRanges = field(default_factory=ScopeRanges)
+    large_tool_share: float = 0.0
+    """Share of the frames with the instrument in which it covers a large part of the view."""
+    ill_exposed_share: float = 0.0
+    """Share of the frames in which a tenth to half of the pixels are saturated, or dark."""
 
     def __post_init__(self) -> None:
         """Check every field.
@@ -53,8 +65,8 @@ class TrainingFramesConfig:
             raise InvalidValueError("number of tissues", 0, "at least 1 over the three splits")
         if self.frames_per_tissue < 1:
             raise InvalidValueError("frames_per_tissue", self.frames_per_tissue, "an integer from 1")
-        if not 0.0 <= self.tool_share <= 1.0:
-            raise InvalidValueError("tool_share", self.tool_share, "0 to 1")
+        for name in ("tool_share", "randomised_scopes", "large_tool_share", "ill_exposed_share"):
+            check_range(name, getattr(self, name), 0.0, 1.0)
         if self.seed < 0:
             raise InvalidValueError("seed", self.seed, "an integer from 0")
         if not 1 <= self.workers <= 256:
@@ -71,10 +83,21 @@ class TrainingFramesConfig:
         values = asdict(self)
         for name in ("workers", "optics"):
             del values[name]
-        values["ranges"] = {
-            name: list(value) if isinstance(value, tuple) else value for name, value in values["ranges"].items()
-        }
+        if self.randomised_scopes == 0.0:
+            del values["scope_ranges"]
+        for item in fields(self):
+            if item.name in _ADDED_LATER and item.name in values and getattr(self, item.name) == item.default:
+                del values[item.name]
+        for name in ("ranges", "scope_ranges"):
+            if name in values:
+                values[name] = {key: list(value) if isinstance(value, tuple) else value for key, value in values[name].items()}
         return values
+
+    def scope_of(self, tissue: int) -> ScopeOptics:
+        """Return the scope through which a tissue is seen."""
+        rng = np.random.default_rng([self.seed, _TISSUE_STREAM, 2, tissue])
+        drawn = self.randomised_scopes > 0.0 and rng.random() < self.randomised_scopes
+        return draw_scope(self.optics, rng, self.scope_ranges) if drawn else self.optics
 
 
 def render_training_frames(config: TrainingFramesConfig, out: Path, *, progress: bool = True) -> Path:
@@ -121,10 +144,15 @@ def _open_or_create(config: TrainingFramesConfig, out: Path) -> FrameStore:
     splits = np.repeat(np.arange(len(SPLITS), dtype=np.uint8), counts)
     frames = config.tissues * config.frames_per_tissue
     tool = np.array([_frame_rng(config, index).random() < config.tool_share for index in range(frames)])
+    tissue = np.repeat(np.arange(config.tissues), config.frames_per_tissue)
+    scopes = [config.scope_of(number) for number in range(config.tissues)]
+    varied = any(scope != config.optics for scope in scopes)
     return FrameStore.create(
         out,
         optics=config.optics,
-        tissue_seed=np.repeat(np.arange(config.tissues, dtype=np.int64), config.frames_per_tissue),
+        scopes=scopes if varied else (),
+        scope=tissue.astype(np.int32) if varied else None,
+        tissue_seed=tissue.astype(np.int64),
         split=np.repeat(splits, config.frames_per_tissue),
         tool_in_view=tool,
         config=config.recipe,
@@ -143,7 +171,7 @@ def _render_tissue(config: TrainingFramesConfig, out: Path, tissue: int) -> int:
     todo = [index for index in range(first, first + config.frames_per_tissue) if not done[index]]
     tissue_rng = np.random.default_rng([config.seed, _TISSUE_STREAM, 0, tissue])
     scene = TrainingScene(TissueConfig(), tissue_rng)
-    camera = StripeCamera(Rig.from_optics(config.optics), threads=1)
+    camera = StripeCamera(Rig.from_optics(config.scope_of(tissue)), threads=1)
     camera.attach(scene.model, rng=tissue_rng)
     for index in todo:
         rng = _frame_rng(config, index)
@@ -151,12 +179,27 @@ def _render_tissue(config: TrainingFramesConfig, out: Path, tissue: int) -> int:
         scene.reset()
         pose = draw_camera(config.ranges, scene.mean_height_m, rng)
         if with_tool:
-            tool = draw_tool(config.ranges, pose, scene.top_points(), tip_radius_m=INSTRUMENT.tip_radius_m, rng=rng)
-            if tool.presses:
-                scene.press_tool(tool.tip, tool.axis, travel_m=_PRESS_TRAVEL_M)
-            else:
-                scene.place_tool(tool.tip, tool.axis)
-        camera.set_optics(draw_optics(config.ranges, pose.working_distance_m, rng))
+            _place_tool(config, scene, camera, pose, rng)
+        optics = draw_optics(config.ranges, pose.working_distance_m, rng)
+        camera.set_optics(optics)
+        # What is off must not draw: the frames of older data sets would change.
+        if config.ill_exposed_share > 0.0 and rng.random() < config.ill_exposed_share:
+            expected = camera.capture(scene.data, pose.world_from_camera, None).electrons
+            share = rng.uniform(*_ILL_EXPOSED_SHARES)
+            camera.set_optics(ill_exposure(expected, optics, share, saturated=index % 2 == 0))
         frame = camera.capture(scene.data, pose.world_from_camera, rng)
         store.write(index, image=frame.image, depth_mm=frame.depth_mm, lit=frame.lit)
     return len(todo)
+
+
+def _place_tool(
+    config: TrainingFramesConfig, scene: TrainingScene, camera: StripeCamera, pose: CameraPose, rng: np.random.Generator
+) -> None:
+    if config.large_tool_share > 0.0 and rng.random() < config.large_tool_share:
+        place_large_tool(scene, camera, pose, rng)
+        return
+    tool = draw_tool(config.ranges, pose, scene.top_points(), tip_radius_m=INSTRUMENT.tip_radius_m, rng=rng)
+    if tool.presses:
+        scene.press_tool(tool.tip, tool.axis, travel_m=_PRESS_TRAVEL_M)
+    else:
+        scene.place_tool(tool.tip, tool.axis)

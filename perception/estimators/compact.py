@@ -11,6 +11,7 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from laploop.errors import InvalidValueError
 from laploop.perception.estimators.base import check_image
+from laploop.perception.estimators.freed_memory import keep_freed_memory
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.networks.compact_unet import CompactConfig, CompactUNet
@@ -33,6 +34,7 @@ class CompactEstimator:
         """
         if not max_scale_mm > 0.0:
             raise InvalidValueError("max_scale_mm", max_scale_mm, "above 0 mm")
+        keep_freed_memory()
         self._rig = rig
         self._max_log_scale = float(np.log(max_scale_mm))
         self._device = torch.device(device)

@@ -33,12 +33,52 @@ def _make_compact(rig: Rig, weights: Path | None) -> DepthEstimator:
     return CompactEstimator.from_weights(rig, weights)
 
 
+def _make_ssle_phase(rig: Rig, weights: Path | None) -> DepthEstimator:
+    from laploop.perception.estimators.ssle_phase import SslePhaseEstimator
+
+    return SslePhaseEstimator.from_weights(rig, weights)
+
+
+def _make_ssle(rig: Rig, weights: Path | None) -> DepthEstimator:
+    from laploop.perception.estimators.ssle import SsleEstimator
+
+    return SsleEstimator.from_weights(rig, weights)
+
+
+def _make_dual_unet(rig: Rig, weights: Path | None) -> DepthEstimator:
+    from laploop.perception.estimators.dual_unet import DualUNetEstimator
+
+    return DualUNetEstimator.from_weights(rig, weights)
+
+
+def _make_monocular(name: str) -> Factory:
+    def make(rig: Rig, weights: Path | None) -> DepthEstimator:
+        from laploop.perception.estimators.monocular import MonocularEstimator
+
+        return MonocularEstimator.from_pretrained(rig, name, weights)
+
+    return make
+
+
 def _refuse_weights(name: str, weights: Path | None) -> None:
     if weights is not None:
         raise InvalidValueError("weights", str(weights), f"none: the estimator {name!r} has nothing to load")
 
 
-_FACTORIES: dict[str, Factory] = {"oracle": _make_oracle, "phase": _make_phase, "compact": _make_compact}
+_FACTORIES: dict[str, Factory] = {
+    "oracle": _make_oracle,
+    "phase": _make_phase,
+    "compact": _make_compact,
+    "ssle-phase": _make_ssle_phase,
+    "ssle": _make_ssle,
+    "dual-unet": _make_dual_unet,
+}
+
+_BASELINES: dict[str, Factory] = {name: _make_monocular(name) for name in ("dpt", "depth-anything")}
+"""For comparison alone: what they say is depth up to a scale, which no loop can close on."""
+
+BASELINE_NAMES: tuple[str, ...] = tuple(_BASELINES)
+"""Public networks that laploop measures itself against; their weights are a folder."""
 
 ESTIMATOR_NAMES: tuple[str, ...] = tuple(_FACTORIES)
 """The estimators that laploop brings."""
@@ -55,8 +95,9 @@ def register(name: str, factory: Factory) -> None:
     Raises:
         InvalidValueError: If the name is taken or empty.
     """
-    if not name or name in _FACTORIES:
-        raise InvalidValueError("name of the estimator", name, f"not empty and none of {', '.join(sorted(_FACTORIES))}")
+    taken = {**_FACTORIES, **_BASELINES}
+    if not name or name in taken:
+        raise InvalidValueError("name of the estimator", name, f"not empty and none of {', '.join(sorted(taken))}")
     _FACTORIES[name] = factory
 
 
@@ -66,6 +107,7 @@ def make_estimator(name: str, rig: Rig, weights: Path | None = None) -> DepthEst
     Raises:
         UnknownNameError: If nobody registered the name.
     """
-    if name not in _FACTORIES:
-        raise UnknownNameError("estimator", name, _FACTORIES)
-    return _FACTORIES[name](rig, weights)
+    factories = {**_FACTORIES, **_BASELINES}
+    if name not in factories:
+        raise UnknownNameError("estimator", name, factories)
+    return factories[name](rig, weights)

@@ -60,14 +60,17 @@ def test_train_resumes(dataset, trained):
 
 
 def test_evaluate_tabulates_every_estimator(dataset, trained, tmp_path):
-    weights = ["--weights", str(trained / "compact.safetensors")]
-    arguments = ["evaluate", "--dataset", str(dataset / "frames.zarr"), "--estimators", "oracle", "phase", "compact", *weights]
-    assert main([*arguments, "--out", str(tmp_path / "out")]) == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"depth.csv", "depth.json", "depth.md", "summary.json"}
+    weights = ["--weights", "compact", str(trained / "compact.safetensors")]
+    arguments = ["evaluate", "--dataset", str(dataset / "frames.zarr"), "--models", "oracle,phase", "compact", *weights]
+    assert main([*arguments, "--resamples", "20", "--out", str(tmp_path / "out")]) == 0
+    figures = {"depth_comparison.png", "depth_examples.png", "depth_distance_exact.png"}
+    files = {"depth.csv", "depth.json", "depth.md", "summary.json", *figures}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == files
     summary = summary_of(tmp_path / "out")
-    overall = {row["estimator"]: row for row in summary["rows"] if row["working_distance_mm"] == "all"}
-    assert overall.keys() == {"oracle", "phase", "compact"}
+    overall = {row["model"]: row for row in summary["rows"] if row["working_distance_mm"] == "all"}
+    assert overall.keys() == {"oracle", "phase", "compact", "photon floor, 1 row", "photon floor, 5 rows"}
     assert overall["oracle"]["mae_mm"] == 0.0
+    assert {row["against"] for row in summary["rows"]} == {"exact"}
     assert (summary["tissues"], summary["frames"]) == (1, 2)
 
 
@@ -80,7 +83,30 @@ def test_missing_data_set_is_named_with_what_makes_one(tmp_path, capsys, command
 
 def test_weights_that_are_not_weights_are_refused(dataset, tmp_path, capsys):
     (tmp_path / "weights").write_text("not weights")
-    arguments = ["evaluate", "--dataset", str(dataset), "--estimators", "compact", "--weights", str(tmp_path / "weights")]
+    weights = ["--weights", "compact", str(tmp_path / "weights")]
+    arguments = ["evaluate", "--dataset", str(dataset), "--models", "compact", *weights]
     assert main([*arguments, "--out", str(tmp_path / "out")]) == 2
     assert str(tmp_path / "weights") in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("model", ["dual-unet", "ssle"])
+def test_train_runs_the_staged_models(dataset, tmp_path, model):
+    out = tmp_path / "out"
+    stages = ["--vq-epochs", "1"] if model == "ssle" else []
+    options = ["--size", "tiny", "--epochs", "1", "--limit", "1", "--machine.accelerator", "cpu", *stages]
+    assert main(["train", "--model", model, "--dataset", str(dataset), *options, "--out", str(out)]) == 0
+    summary = summary_of(out)
+    assert (summary["epoch"], summary["weights"]) == (1, f"{model}.safetensors")
+    assert {f"{model}.safetensors", "checkpoint.safetensors", "log.csv", "tensorboard"} <= {path.name for path in out.iterdir()}
+
+
+def test_train_refuses_what_the_model_does_not_have(dataset, tmp_path, capsys):
+    base = ["train", "--dataset", str(dataset), "--out", str(tmp_path / "out")]
+    assert main([*base, "--model", "guess"]) == 2
+    assert "ssle-phase" in capsys.readouterr().err
+    assert main([*base, "--model", "dual-unet", "--vq-epochs", "3"]) == 2
+    assert "vq_epochs" in capsys.readouterr().err
+    assert main([*base, "--model=ssle", "--against", "zivid"]) == 2
+    assert "reference camera" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -5,6 +7,7 @@ from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
 from laploop.errors import InvalidValueError, MissingFileError, OutputError
 from laploop.perception.frame_store import FrameStore
+from laploop.perception.geometry import Rig
 
 OPTICS = ScopeOptics(width=32, height=16, mask=StripeMask(stripes=7, phase=0.25))
 
@@ -79,3 +82,47 @@ def test_store_of_another_format_is_refused(store):
     (store.path / "zarr.json").write_text(text.replace("laploop-frames-1", "laploop-frames-0"))
     with pytest.raises(InvalidValueError, match="laploop-frames-0"):
         FrameStore.open(store.path)
+
+
+def test_old_store_has_one_rig_and_keeps_its_format(store):
+    assert '"laploop-frames-1"' in (store.path / "zarr.json").read_text()
+    assert store.rig(0) == store.rig(2) == Rig.from_optics(OPTICS)
+
+
+def test_each_frame_knows_the_rig_that_took_it(tmp_path):
+    other = replace(OPTICS, baseline_m=0.0041, mask=StripeMask(stripes=9, duty=0.47))
+    written = _with_scopes(tmp_path, [OPTICS, other], [1, 0, 1])
+    store = FrameStore.open(written.path)
+    for index, optics in enumerate([other, OPTICS, other]):
+        assert store.rig(index) == Rig.from_optics(optics)
+    assert store.optics == OPTICS
+    # Whoever knows only one rig a store must refuse it.
+    assert '"laploop-frames-1"' not in (store.path / "zarr.json").read_text()
+
+
+def test_rig_of_a_frame_that_does_not_exist_is_refused(store):
+    with pytest.raises(InvalidValueError, match="0 to 2"):
+        store.rig(3)
+
+
+@pytest.mark.parametrize(
+    ("scopes", "scope"),
+    [([OPTICS], None), ([OPTICS], [0, 0, 1]), ([OPTICS], [0, 0]), ([replace(OPTICS, width=64)], [0, 0, 0])],
+)
+def test_scopes_that_do_not_fit_the_frames_are_refused(tmp_path, scopes, scope):
+    with pytest.raises(InvalidValueError, match="scope"):
+        _with_scopes(tmp_path, scopes, scope)
+    assert not (tmp_path / "scopes").exists()
+
+
+def _with_scopes(tmp_path, scopes, scope):
+    return FrameStore.create(
+        tmp_path / "scopes",
+        optics=OPTICS,
+        scopes=scopes,
+        scope=None if scope is None else np.array(scope, np.int32),
+        tissue_seed=np.array([4, 4, 9]),
+        split=np.array([0, 0, 2], np.uint8),
+        tool_in_view=np.zeros(3, bool),
+        config={},
+    )

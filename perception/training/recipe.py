@@ -1,0 +1,167 @@
+"""What a network must bring to be trained by `laploop.perception.training.fit`."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from laploop.errors import InvalidValueError
+from laploop.perception.datasets import DepthDataset
+
+Network = TypeVar("Network", bound=nn.Module)
+
+Sample = dict[str, NDArray[Any]]
+"""One frame: `image` (H, W) uint8, `depth_mm` (H, W) float32 with NaN where there is no truth, and the recipe's extras."""
+
+Batch = dict[str, Tensor]
+"""A stack of samples with the same keys; `image` is float32, still grey values from 0 to 255."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """How long and how fast one stage learns."""
+
+    epochs: int
+    batch: int = 4
+    accumulate: int = 1
+    """Batches whose gradients are added before a step."""
+    learning_rate: float = 1e-3
+    """At the start of the cosine."""
+    final_learning_rate: float = 1e-6
+    """At the end of the cosine; the same as the start for a constant rate."""
+    per_step: bool = False
+    """Lower the rate at every step; off, once an epoch, which reaches the final rate in the last epoch, as the paper does
+    (161 epochs, T_max 160)."""
+    warmup_steps: int = 0
+    """Steps of a linear start."""
+    betas: tuple[float, float] = (0.9, 0.999)
+    weight_decay: float = 0.0
+    """Decoupled, as in AdamW; 0 makes it plain Adam."""
+    clip_norm: float = 0.0
+    """Largest norm of the gradient; 0 for no limit."""
+    bfloat16: bool = False
+    """Convolutions in bfloat16; halves the time of a step where the processor has instructions for it."""
+    seed: int = 0
+    """Decides the first weights, the order and the augmentation."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If a field lies outside its range.
+        """
+        for name in ("epochs", "batch", "accumulate", "learning_rate"):
+            if not getattr(self, name) > 0:
+                raise InvalidValueError(name, getattr(self, name), "above 0")
+        for name in ("warmup_steps", "weight_decay", "clip_norm"):
+            if not getattr(self, name) >= 0:
+                raise InvalidValueError(name, getattr(self, name), "0 or more")
+        if not 0.0 <= self.final_learning_rate <= self.learning_rate:
+            raise InvalidValueError("final_learning_rate", self.final_learning_rate, "0 to learning_rate")
+
+    def rate(self, batch: int, batches: int) -> float:
+        """Return the learning rate before a batch, counted from the very first, where an epoch has so many batches."""
+        epoch, within = divmod(batch, batches)
+        done = (epoch + within / batches) / self.epochs if self.per_step else epoch / max(1, self.epochs - 1)
+        cosine = 0.5 * (1.0 + math.cos(math.pi * min(1.0, done)))
+        start = min(1.0, (batch // self.accumulate + 1) / (self.warmup_steps + 1))
+        return start * (self.final_learning_rate + (self.learning_rate - self.final_learning_rate) * cosine)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loss:
+    """What one batch costs."""
+
+    total: Tensor
+    """The scalar to be lowered."""
+    parts: Mapping[str, Tensor]
+    """Scalars for the log, by name; detached by the harness."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prediction:
+    """What the network says about a batch, for validation."""
+
+    depth_mm: Tensor
+    """(B, H, W)."""
+    valid: Tensor
+    """(B, H, W) bool, where the network stands by it."""
+
+
+class Recipe(ABC):
+    """A network with its loss, schedule and augmentation; one stage of a training.
+
+    The harness owns the loop, the optimiser, the order of the frames, logs, checkpoints and machines. All that is random must
+    come from the generator that `augment` is given, or from torch's global one, which is set anew at every batch: then a
+    resumed training ends in the same bits as one that was never interrupted.
+    """
+
+    name: str
+    """The weights become `<name>.safetensors`."""
+    error_unit: str = "mm"
+    """Unit of what `predict` returns, for the progress bar."""
+    network: nn.Module
+    """All that is saved; parameters that do not require gradients stay as they are."""
+    schedule: Schedule
+
+    @property
+    @abstractmethod
+    def architecture(self) -> Mapping[str, object]:
+        """What decides whether weights fit, as plain data with a `format`."""
+
+    @abstractmethod
+    def loss(self, batch: Batch, progress: float) -> Loss:
+        """Return the loss of a batch; `progress` is the share of the training that is done, 0 to 1."""
+
+    @abstractmethod
+    def predict(self, batch: Batch) -> Prediction:
+        """Return the depth of a batch, called without gradients and in evaluation mode."""
+
+    def truth_mm(self, batch: Batch) -> Tensor:
+        """Return what predictions are compared with in validation, (B, H, W), NaN where there is nothing."""
+        return batch["depth_mm"]
+
+    def extras(self, dataset: DepthDataset, index: int) -> Sample:  # noqa: ARG002 - for recipes that need more
+        """Return more arrays of a frame than image and depth; read once, before training."""
+        return {}
+
+    def augment(self, sample: Sample, rng: np.random.Generator) -> Sample:  # noqa: ARG002 - for recipes that need it
+        """Return a changed copy of a training sample; called anew for every frame and epoch."""
+        return sample
+
+    def parameters(self) -> Iterable[nn.Parameter]:
+        """Return what is learned."""
+        return [parameter for parameter in self.network.parameters() if parameter.requires_grad]
+
+    def autocast(self, device: torch.device) -> AbstractContextManager[Any]:
+        """Return the context in which the network, but not its loss, should run."""
+        return torch.autocast(device.type, dtype=torch.bfloat16, enabled=self.schedule.bfloat16)
+
+
+def flip_and_gain(sample: Sample, rng: np.random.Generator, gain_range: float) -> Sample:
+    """Mirror a sample top to bottom half of the time, which leaves a rig with a baseline along x the same, and change its gain.
+
+    Every array with two dimensions or more is mirrored along the first of its last two; others are left alone.
+    """
+    changed = dict(sample)
+    if rng.random() < 0.5:
+        changed = {key: value[..., ::-1, :] if value.ndim >= 2 else value for key, value in changed.items()}
+    gain = 1.0 + gain_range * rng.uniform(-1.0, 1.0)
+    changed["image"] = np.clip(np.round(changed["image"] * np.float32(gain)), 0.0, 255.0).astype(np.uint8)
+    return changed
+
+
+def seeded(make: Callable[[], Network], seed: int) -> Network:
+    """Make a network whose first weights depend on the seed alone, laid out for convolutions on the CPU."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        network = make()
+    network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+    return network
