@@ -30,12 +30,16 @@ class Command:
 
 
 COMMANDS = {
+    "speed": Command(module="laploop.cli.speed", summary="time a depth model alone, frame after frame"),
+    "export": Command(module="laploop.cli.export", summary="write a depth network as ONNX"),
     "run": Command(module="laploop.cli.run", summary="run one closed-loop episode; recording, figure, summary"),
     "trials": Command(module="laploop.cli.trials", summary="run many episodes, one a seed; success rate and error table"),
     "bench": Command(module="laploop.cli.bench", summary="measure every stage of the loop on this machine"),
+    "collect": Command(module="laploop.cli.collect", summary="collect stripe frames paired with a reference camera's depth"),
     "synthesize": Command(module="laploop.cli.synthesize", summary="render stripe frames with exact depth, for training"),
-    "train": Command(module="laploop.cli.train", summary="train the compact depth network on rendered frames"),
+    "train": Command(module="laploop.cli.train", summary="train a depth network on rendered frames or collected pairs"),
     "characterize": Command(module="laploop.cli.characterize", summary="measure the stripes' contrast against distance"),
+    "calibrate": Command(module="laploop.cli.calibrate", summary="calibrate cameras, projector and arm; true residuals"),
     "evaluate": Command(module="laploop.cli.evaluate", summary="measure estimators on tissues never seen in training"),
 }
 

@@ -26,13 +26,15 @@ def results_markdown(folder: Path) -> str:
     """Return the block for the summaries in `folder`.
 
     Raises:
-        MissingFileError: If the folder lacks the characterisation or the bench.
+        MissingFileError: If the folder lacks the characterisation, the calibration, the collection or the bench.
     """
     trials = [_read(path) for name in TRIALS if (path := folder / f"trials-{name}.json").is_file()]
     sections = [
         _trials_table(trials),
         _depth_table(_read(DEPTH)),
-        _contrast_line(_read(folder / "characterization.json")),
+        _sensor_paragraph(
+            _read(folder / "characterization.json"), _read(folder / "calibration.json"), _read(folder / "collection.json")
+        ),
         _bench_table(_read(folder / "bench.json")),
     ]
     return "\n\n".join(sections)
@@ -84,7 +86,7 @@ def _trials_table(summaries: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _depth_table(summary: Mapping[str, Any]) -> str:
-    rows = [row for row in summary["rows"] if row["working_distance_mm"] == "all"]
+    rows = [_depth_row(row) for row in summary["rows"] if row["working_distance_mm"] == "all"]
     lines = [
         f"Depth of {summary['frames']} frames of {summary['tissues']} tissues that no training saw, 60 to 140 mm, against",
         "exact truth; first over the pixels that the estimator stands by, then over all.",
@@ -96,16 +98,59 @@ def _depth_table(summary: Mapping[str, Any]) -> str:
         f"| `{row['estimator']}` | {100 * row['valid_share']:.1f} % | {row['mae_mm']:.2f} mm | {row['abs_rel']:.4f} | "
         f"{100 * row['acc_1_1']:.2f} % | {row['all_mae_mm']:.2f} mm |"
         for row in rows
+        if row is not None
     ]
     return "\n".join(lines)
 
 
-def _contrast_line(summary: Mapping[str, Any]) -> str:
-    contrast = summary["contrast"]
-    return (
-        f"Michelson contrast of the stripes on an inclined target: {contrast['70']:.2f} at 70 mm and "
-        f"{contrast['100']:.2f} at 100 mm\n(0.58 and 0.44 on the laparoscope that the simulator follows)."
-    )
+def _depth_row(row: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return a line of an evaluation in the terms of the table, None where it is not against exact depth.
+
+    Tables up to 0.1 have `estimator`, plain names for the pixels that it calls valid, and `all_` for all; later ones have
+    `model`, plain names for all pixels, and `valid_`.
+    """
+    if "estimator" in row:
+        return row
+    if row["against"] != "exact":
+        return None
+    renamed = {name: row[f"valid_{name}"] for name in ("mae_mm", "abs_rel", "acc_1_1")}
+    return {"estimator": row["model"], "valid_share": row["valid_share"], "all_mae_mm": row["mae_mm"], **renamed}
+
+
+def _sensor_paragraph(
+    characterization: Mapping[str, Any], calibration: Mapping[str, Any], collection: Mapping[str, Any]
+) -> str:
+    contrast, error = characterization["contrast"], calibration["reprojection_error_px"]
+    true, statistics = calibration["true_residual"], collection["statistics"]
+    pairs, tissues = (sum(statistics[name].values()) for name in ("pairs", "tissues"))
+    lines = [
+        f"Michelson contrast of the stripes on an inclined target: {contrast['70']:.2f} at 70 mm and {contrast['100']:.2f} at",
+        "100 mm (0.58 and 0.44 on the laparoscope that the simulator follows).",
+        "",
+        (
+            f"Calibration from {calibration['config']['views']} views a step: reprojection error "
+            f"{error['scope']:.3f} px (scope) and {error['reference']:.3f} px (reference camera); against"
+        ),
+        (
+            "the truth, which only a simulator knows, the transform between the two cameras is off by "
+            f"{true['stereo']['rotation_deg']:.3f} degrees and"
+        ),
+        (
+            f"{true['stereo']['translation_mm']:.2f} mm, hand-eye by {true['hand_eye']['rotation_deg']:.3f} degrees and "
+            f"{true['hand_eye']['translation_mm']:.2f} mm, depth through the calibrated projector"
+        ),
+        f"by {true['projector']['depth_rms_mm']:.3f} mm at 100 mm.",
+        "",
+        (
+            f"Data set of {pairs} pairs of {tissues} tissues: {collection['wall_s'] / 60:.0f} minutes on two cores with the "
+            f"calibration, {collection['megabytes_per_pair']:.1f} MB a pair;"
+        ),
+        (
+            f"reference depth on {100 * statistics['valid_share']['mean']:.0f} % of the pixels, within "
+            f"{statistics['difference_p95_mm']['median']:.2f} mm of exact depth on 95 % of them (median over the pairs)."
+        ),
+    ]
+    return "\n".join(lines)
 
 
 def _bench_table(summary: Mapping[str, Any]) -> str:

@@ -21,7 +21,10 @@ STAGES = {
     "depth: oracle",
     "depth: phase",
     "recorder frame",
+    "reference capture, 2x2",
+    "reprojection, full cloud",
 }
+SLOW_STAGES = {"reference capture, 2x2", "reprojection, full cloud"}
 
 
 def test_stage_gives_the_percentiles_in_milliseconds():
@@ -37,7 +40,7 @@ def test_numbers_out_of_range_are_refused(wrong):
 
 
 def test_unknown_estimator_is_refused():
-    with pytest.raises(UnknownNameError, match="available: compact, oracle, phase"):
+    with pytest.raises(UnknownNameError, match=r"available: compact, .*oracle, phase"):
         BenchConfig(perception="eyes")
 
 
@@ -64,7 +67,8 @@ def test_command_measures_every_stage_and_the_loop(tmp_path):
     assert sorted(path.name for path in out.iterdir()) == ["bench.csv", "bench.json", "bench.md", "summary.json"]
     bench = json.loads((out / "bench.json").read_text())
     assert {stage["name"] for stage in bench["stages"]} == STAGES
-    assert all(stage["calls"] >= 20 and 0.0 < stage["p5_ms"] <= stage["p50_ms"] <= stage["p99_ms"] for stage in bench["stages"])
+    assert all(stage["calls"] >= (10 if stage["name"] in SLOW_STAGES else 20) for stage in bench["stages"])
+    assert all(0.0 < stage["p5_ms"] <= stage["p50_ms"] <= stage["p99_ms"] for stage in bench["stages"])
     assert bench["loop"]["real_time_factor"]["median"] > 0.0
     assert bench["episodes"][0]["seed"] == EpisodeConfig().seed
     assert bench["machine"]["usable_cores"] >= 1
