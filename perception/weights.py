@@ -116,8 +116,9 @@ def refuse_pickle(path: Path) -> None:
         WeightsError: If it does.
     """
     with path.open("rb") as stream:
-        start = stream.read(4)
-    if start.startswith(_PICKLE_STARTS):
+        start = stream.read(9)
+    # Safetensors begin with the header's length, whose lowest byte may be a pickle's first, and then the header, a JSON object.
+    if start.startswith(_PICKLE_STARTS) and start[8:] != b"{":
         raise WeightsError(f"{path} is a pickle (or torch archive), which could run code; allowed: safetensors")
 
 

@@ -26,6 +26,16 @@ def test_what_is_saved_is_loaded(saved):
     assert notes["epoch"] == "7"
 
 
+def test_header_whose_length_starts_like_a_pickle_is_read(tmp_path):
+    path = tmp_path / "weights.safetensors"
+    for length in range(1024):
+        save_weights(path, TENSORS, ARCHITECTURE, {"note": "x" * length})
+        if path.read_bytes()[0] == 0x80:
+            break
+    assert path.read_bytes()[0] == 0x80  # the header's length, of which one in 32 ends so
+    load_weights(path, ARCHITECTURE, TENSORS)
+
+
 def test_nothing_but_the_file_is_left_in_the_folder(saved):
     assert [path.name for path in saved.parent.iterdir()] == ["weights.safetensors"]
 
