@@ -28,7 +28,7 @@ def test_what_is_saved_is_loaded(saved):
 
 def test_header_whose_length_starts_like_a_pickle_is_read(tmp_path):
     path = tmp_path / "weights.safetensors"
-    for length in range(1024):
+    for length in range(0, 2048, 8):  # headers are padded to eight bytes
         save_weights(path, TENSORS, ARCHITECTURE, {"note": "x" * length})
         if path.read_bytes()[0] == 0x80:
             break
