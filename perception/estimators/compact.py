@@ -1,24 +1,21 @@
 """The compact network as an estimator: real time on two CPU cores."""
 
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
-from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from laploop.errors import InvalidValueError
 from laploop.perception.estimators.base import check_image
 from laploop.perception.estimators.freed_memory import keep_freed_memory
+from laploop.perception.estimators.network_loading import for_inference, shipped_weights
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.networks.compact_unet import CompactConfig, CompactUNet
 from laploop.perception.weights import load_weights
 
-SHIPPED_WEIGHTS = Path(str(files("laploop.assets") / "weights" / "compact.safetensors"))
-"""The weights that come with laploop; their card lies beside them."""
+SHIPPED_WEIGHTS = shipped_weights("compact")
 
 
 class CompactEstimator:
@@ -38,9 +35,7 @@ class CompactEstimator:
         self._rig = rig
         self._max_log_scale = float(np.log(max_scale_mm))
         self._device = torch.device(device)
-        self._network = _fuse(network.eval()).to(self._device)
-        self._network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self._network.requires_grad_(requires_grad=False)
+        self._network = for_inference(network, self._device)
 
     @classmethod
     def from_weights(
@@ -81,14 +76,3 @@ class CompactEstimator:
             depth_mm: NDArray[np.float32] = output.depth_mm[0].cpu().numpy()
             scale_mm: NDArray[np.float32] = output.log_scale[0].exp().cpu().numpy()
         return depth_mm, scale_mm
-
-
-def _fuse(network: CompactUNet) -> CompactUNet:
-    """Fold every batch normalisation into the convolution before it."""
-    for module in list(network.modules()):
-        if isinstance(module, nn.Sequential) and len(module) == 3 and isinstance(module[1], nn.BatchNorm2d):
-            convolution = module[0]
-            if isinstance(convolution, nn.Conv2d):
-                module[0] = fuse_conv_bn_eval(convolution, module[1])
-                module[1] = nn.Identity()
-    return network

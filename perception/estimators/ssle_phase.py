@@ -1,25 +1,22 @@
 """`ssle-phase` as an estimator: any regular stripe mask, baseline and field of view; the rig is an input of the network."""
 
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import nn
-from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from laploop.errors import InvalidValueError, MissingFileError
 from laploop.perception.estimators.base import check_image
 from laploop.perception.estimators.freed_memory import keep_freed_memory
+from laploop.perception.estimators.network_loading import check_size, for_inference, shipped_weights
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.networks.ssle_phase import SslePhase, SslePhaseConfig
 from laploop.perception.networks.ssle_phase_front import RigBatch
 from laploop.perception.weights import load_weights
 
-SHIPPED_WEIGHTS = Path(str(files("laploop.assets") / "weights" / "ssle-phase.safetensors"))
-"""The weights that come with laploop; their card lies beside them."""
+SHIPPED_WEIGHTS = shipped_weights("ssle-phase")
 
 
 class SslePhaseEstimator:
@@ -36,17 +33,13 @@ class SslePhaseEstimator:
         """
         if not max_scale_mm > 0.0:
             raise InvalidValueError("max_scale_mm", max_scale_mm, "above 0 mm")
-        size, wanted = (rig.camera.height, rig.camera.width), (network.config.height, network.config.width)
-        if size != wanted:
-            raise InvalidValueError("image (height, width) of the rig", size, f"{wanted}, for which the network was made")
+        check_size(rig, network.config.height, network.config.width)
         rigs = RigBatch.from_rigs([rig])
         keep_freed_memory()
         self._rig = rig
         self._max_scale_mm = np.float32(max_scale_mm)
         self._device = torch.device(device)
-        self._network = _fuse(network.eval()).to(self._device)
-        self._network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
-        self._network.requires_grad_(requires_grad=False)
+        self._network = for_inference(network, self._device)
         self._filters = self._network.prepare(RigBatch(values=rigs.values.to(self._device)))
 
     @classmethod
@@ -90,14 +83,3 @@ class SslePhaseEstimator:
             depth_mm: NDArray[np.float32] = output.depth_mm[0].cpu().numpy()
             scale_mm: NDArray[np.float32] = output.log_scale[0].exp().cpu().numpy()
         return depth_mm, scale_mm
-
-
-def _fuse(network: SslePhase) -> SslePhase:
-    """Fold every batch normalisation into the convolution before it."""
-    for module in list(network.modules()):
-        if isinstance(module, nn.Sequential) and len(module) == 3 and isinstance(module[1], nn.BatchNorm2d):
-            convolution = module[0]
-            if isinstance(convolution, nn.Conv2d):
-                module[0] = fuse_conv_bn_eval(convolution, module[1])
-                module[1] = nn.Identity()
-    return network
