@@ -45,9 +45,10 @@ test-slow: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/laploop bench --out runs/bench
 
-# The numbers of the README, measured anew with the shipped weights: about half an hour on two cores.
+# The numbers of the README, measured anew with the shipped weights: about an hour on two cores.
 RESULTS := docs/results
 FRAMES ?= runs/frames
+PAIRS ?= runs/pairs
 
 results: $(STAMP)
 	mkdir -p $(RESULTS)
@@ -55,8 +56,13 @@ results: $(STAMP)
 	  $(BIN)/laploop trials --perception $$estimator --motion $$motion --seeds 30 --workers 2 --out runs/trials-$$estimator-$$motion \
 	  && cp runs/trials-$$estimator-$$motion/summary.json $(RESULTS)/trials-$$estimator-$$motion.json || exit 1; done; done
 	$(BIN)/laploop synthesize --out $(FRAMES)
-	$(BIN)/laploop evaluate --dataset $(FRAMES) --estimators phase compact --out runs/depth && cp runs/depth/depth.json assets/weights/compact.json
+	$(BIN)/laploop evaluate --dataset $(FRAMES) --models phase compact --out runs/depth && cp runs/depth/depth.json assets/weights/compact.json
 	$(BIN)/laploop characterize --out runs/characterization && cp runs/characterization/summary.json $(RESULTS)/characterization.json
+	$(BIN)/laploop calibrate --views 20 --out runs/calibration && cp runs/calibration/summary.json $(RESULTS)/calibration.json
+	$(BIN)/laploop collect --pairs 722 --out $(PAIRS) && cp $(PAIRS)/summary.json $(RESULTS)/collection.json
+	$(BIN)/laploop evaluate --dataset $(PAIRS) --models ssle-phase compact phase --against both --out runs/pairs-depth \
+	  && cp runs/pairs-depth/depth.json $(RESULTS)/depth-pairs.json
+	$(BIN)/laploop speed --model compact --out runs/speed-compact && cp runs/speed-compact/summary.json $(RESULTS)/speed-compact.json
 	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
 	$(BIN)/python -P -m laploop.studies.results_page $(RESULTS) README.md
 
