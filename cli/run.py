@@ -43,7 +43,7 @@ def main(arguments: Sequence[str]) -> int:
                 from laploop.envs.rerun_recorder import RerunRecorder
 
                 recorders.append(stack.enter_context(RerunRecorder(stack.enter_context(folder.artefact("recording.rrd")))))
-            with progress_bar("simulated seconds", config.seconds) as advance_to:
+            with progress_bar("simulated seconds", config.duration_s()) as advance_to:
                 results = run_episode(config, CompositeRecorder(recorders), advance_to)
 
         from laploop.studies.episode_figure import draw_episode
@@ -59,6 +59,10 @@ def _show(summary: Mapping[str, Any], folder: Path, *, recorded: bool) -> None:
     table = ResultTable(f"{summary['task']}, {summary['perception']}, {summary['motion']}, seed {summary['seed']}")
     table.row("outcome", "success" if summary["success"] else f"no success: ended by {summary['terminated_by']}")
     table.row("target error", summary["target_error_mm"]["final"], "mm, at the end")
+    for name, value in summary["metrics"].items():
+        table.row(name.replace("_", " "), value)
+    if summary["fault_ticks"]:
+        table.row("commands not followed", str(sum(summary["fault_ticks"].values())), ", ".join(summary["fault_ticks"]))
     table.row("trocar error, camera arm", summary["rcm_error_mm"]["camera_max"], "mm, worst")
     table.row("trocar error, tool arm", summary["rcm_error_mm"]["tool_max"], "mm, worst")
     table.row("contact force", summary["contact_force_n"]["max"], "N, worst")

@@ -48,6 +48,8 @@ def main(arguments: Sequence[str]) -> int:
     table.row("contact force", results["contact_force_n"]["max"], "N, worst")
     table.row("trocar error, camera arm", results["rcm_error_mm"]["camera_max"], "mm, worst")
     table.row("trocar error, tool arm", results["rcm_error_mm"]["tool_max"], "mm, worst")
+    for name, value in results["metrics"].items():
+        table.row(f"{name.replace('_', ' ')}, mean", value["mean"])
     failed = [row["seed"] for row in rows if row["error"] is not None]
     if failed:
         table.row("could not be run", str(len(failed)), f"seeds {', '.join(map(str, failed))}")

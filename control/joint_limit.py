@@ -27,10 +27,21 @@ class JointBoxLimit(Limit):
     def __init__(self, lower: Array, upper: Array, max_speed: Array, max_acceleration: Array | None) -> None:
         """Take the limits of all joints, each (nv,), in rad, rad/s and rad/s^2; without acceleration, that is not limited."""
         self._lower, self._upper = read_only(lower), read_only(upper)
-        self._max_speed = read_only(max_speed)
-        self._max_acceleration = None if max_acceleration is None else read_only(max_acceleration)
+        # Twice: towards the upper limits, then towards the lower ones.
+        self._max_speed = read_only(np.tile(max_speed, 2))
+        self._max_acceleration = None if max_acceleration is None else read_only(np.tile(max_acceleration, 2))
         self._rows = read_only(np.vstack([np.eye(len(lower)), -np.eye(len(lower))]))
         self._last_velocity = np.zeros(len(lower))
+        self._bounds: list[tuple[str, Array]] = []
+
+    def reasons(self) -> list[str]:
+        """Name for each row of the last step the joint and which of its limits is the narrowest; empty before the first."""
+        if not self._bounds:
+            return []
+        names = [name for name, _ in self._bounds]
+        narrowest = np.argmin([bound for _, bound in self._bounds], axis=0)
+        joints = len(self._lower)
+        return [f"{names[which]} of joint {row % joints + 1}" for row, which in enumerate(narrowest)]
 
     def set_last_velocity(self, velocity: Array) -> None:
         """Tell the joint velocity of the last step, (nv,), rad/s."""
@@ -38,12 +49,15 @@ class JointBoxLimit(Limit):
 
     def compute_qp_inequalities(self, configuration: Configuration, dt: float) -> tuple[Array, Array]:
         """Return G (2 nv, nv) and h (2 nv,) of `G dq <= h`."""
-        # Both ways at once: towards the upper limits, then towards the lower ones.
         left = np.maximum(np.concatenate([self._upper - configuration.q, configuration.q - self._lower]), 0.0)
-        bound = np.minimum(_POSITION_GAIN * left, dt * np.tile(self._max_speed, 2))
+        position, speed = _POSITION_GAIN * left, dt * self._max_speed
+        bound = np.minimum(position, speed)
+        self._bounds = [("position", position), ("speed", speed)]
         if self._max_acceleration is not None:
-            acceleration = np.tile(self._max_acceleration, 2)
+            acceleration = self._max_acceleration
             velocity = np.concatenate([self._last_velocity, -self._last_velocity])
-            bound = np.minimum(bound, dt * (velocity + dt * acceleration))
-            bound = np.minimum(bound, dt * np.sqrt(2.0 * acceleration * left))
+            gathering = dt * (velocity + dt * acceleration)
+            braking = dt * np.sqrt(2.0 * acceleration * left)
+            bound = np.minimum(np.minimum(bound, gathering), braking)
+            self._bounds += [("acceleration", gathering), ("position", braking)]
         return self._rows, bound

@@ -32,15 +32,34 @@ class ControlInput:
     """(3,), where the tool's shaft passes the wall."""
     contact_force_n: float
     """Magnitude of what the tip's sensor reads, in newtons."""
+    contact_force_in_camera: Array | None = None
+    """(3,), what the sensor reads, along the camera's axes."""
+    shaft_axis_in_camera: Array | None = None
+    """(3,), unit, along the tool's shaft from the trocar to the tip."""
+    scope_trocar_in_camera: Array | None = None
+    """(3,), where the scope's own shaft passes the wall."""
+    world_from_camera: Array | None = None
+    """4x4, the camera's pose now, from the camera arm's kinematics; `depth` holds the one at its capture."""
+    lead_ns: int = 0
+    """From a command to the motion it makes: delay and lag of the arm, across which a predictor looks ahead."""
+    path_pixels: Array | None = None
+    """(n, 2), a line drawn in the first frame, for the task that follows one."""
+    marker_pixel: Array | None = None
+    """(2,), where a marker painted on the target was seen in the frame of `depth`; None where it was not, or there is none."""
+    working_distance_m: float = 0.085
+    """At which the camera should keep its target, for the task that moves the camera."""
 
 
 class TipController(Protocol):
-    """Anything that turns what is known into a desired velocity of the tool tip."""
+    """Anything that turns what is known into a desired velocity of a tip."""
 
     def reset(self) -> None:
         """Forget everything; a new episode begins."""
         ...
 
     def command(self, state: ControlInput) -> Array:
-        """Return the desired tip velocity (3,) in m/s in the camera's frame."""
+        """Return the desired tip velocity (3,) in m/s in the camera's frame.
+
+        The tip is the tool's, or the scope's where the task moves the camera.
+        """
         ...

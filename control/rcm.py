@@ -80,6 +80,31 @@ class RcmTask(Task):
         return f"RcmTask(trocar_in_world={self._trocar_in_world.tolist()}, feedback={self.gain})"
 
 
+class TipPositionTask(Task):
+    """Bring the shaft's tip to a point, along the world's axes: three rows, metres.
+
+    Unlike the translation of a frame task, whose error is the logarithm of a pose, it does not change when the shaft rolls.
+    """
+
+    def __init__(self, cost_per_m: float) -> None:
+        """Take the weight; `target_in_world` starts at the origin."""
+        super().__init__(cost=cost_per_m)
+        self.target_in_world = np.zeros(3)
+
+    def compute_error(self, configuration: Configuration) -> Array:
+        """Return the way from the target to the tip, (3,)."""
+        return np.array(configuration.get_transform_frame_to_world(SHAFT_TIP).translation - self.target_in_world)
+
+    def compute_jacobian(self, configuration: Configuration) -> Array:
+        """Return the derivative of the tip's position, (3, nv)."""
+        rotation = configuration.get_transform_frame_to_world(SHAFT_TIP).rotation
+        return np.array(rotation @ configuration.get_frame_jacobian(SHAFT_TIP)[:3])
+
+    def __repr__(self) -> str:
+        """Show the target."""
+        return f"TipPositionTask(target_in_world={self.target_in_world.tolist()}, cost={self.cost})"
+
+
 class InsertionLimit(Limit):
     """Keep the inserted length of the shaft within bounds.
 

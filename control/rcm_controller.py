@@ -10,8 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from pink import Configuration, FrameTask, PostureTask, build_ik
 from pink.limits import Limit
 
+from laploop.assets.shafts import Shaft
+from laploop.control.clearance_limits import ShaftClearanceLimit, WallLimit
 from laploop.control.joint_limit import JointBoxLimit
-from laploop.control.rcm import InsertionLimit, RcmTask, trocar_in_shaft
+from laploop.control.rcm import InsertionLimit, RcmTask, TipPositionTask, trocar_in_shaft
 from laploop.control.robot import SHAFT_TIP, ArmModel, checked_vector, read_only
 from laploop.errors import InfeasibleError, InvalidValueError
 
@@ -23,6 +25,9 @@ _AT_REST_RADPS = 1e-4
 _PRIMAL_TOLERANCE = 1e-9
 """Of the solver, in radians and metres a step; its own, 1e-6, is a tenth of a slow step."""
 
+_USED_UP = 1e-8
+"""Radians or metres a step that are left of a limit that decides."""
+
 
 class RcmStatus(StrEnum):
     """What became of the last step."""
@@ -30,7 +35,7 @@ class RcmStatus(StrEnum):
     TRACKING = "tracking"
     """The tip moved as asked."""
     LIMITED = "limited"
-    """A limit of the joints or of the insertion holds the tip back."""
+    """A limit of the joints, of the insertion or of a clearance holds the tip back; `last_reason` names it."""
     HELD = "held"
     """The problem had no solution: the arm brakes, and stands still if even that has none."""
 
@@ -52,6 +57,14 @@ class RcmControllerConfig:
     min_insertion_m: float = 0.02
     max_insertion_m: float | None = None
     """Longest way from the trocar to the tip; None is the shaft's length less 50 mm, to keep the flange off the wall."""
+    wall_outwards: tuple[float, float, float] | None = (0.0, 0.0, 1.0)
+    """Normal of the wall around the trocar, in the world's frame, out of the patient; None for no wall."""
+    min_tip_depth_m: float = 0.01
+    """Of the tip below the wall."""
+    min_flange_height_m: float = 0.03
+    """Of the flange above the wall; what it holds is up to 20 mm thick around the shaft."""
+    shaft_margin_m: float = 0.003
+    """Room between the surfaces of the own and another shaft, where one is told."""
     rcm_feedback: float = 0.5
     """Share of the trocar's error that one step takes out."""
     max_rcm_correction_mps: float = 0.005
@@ -81,6 +94,8 @@ class RcmControllerConfig:
             "max_lag_m",
             "tip_cost_per_m",
             "posture_cost_per_rad",
+            "min_flange_height_m",
+            "shaft_margin_m",
         )
         for name in positive:
             value = getattr(self, name)
@@ -89,8 +104,9 @@ class RcmControllerConfig:
         for name in ("rcm_feedback", "posture_gain"):
             if not 0.0 < getattr(self, name) <= 1.0:
                 raise InvalidValueError(name, getattr(self, name), "above 0 and at most 1")
-        if not 0.0 <= self.min_insertion_m < math.inf:
-            raise InvalidValueError("min_insertion_m", self.min_insertion_m, "0 or more")
+        for name in ("min_insertion_m", "min_tip_depth_m"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise InvalidValueError(name, getattr(self, name), "0 or more")
         if self.max_insertion_m is not None and not self.min_insertion_m < self.max_insertion_m < math.inf:
             raise InvalidValueError("max_insertion_m", self.max_insertion_m, f"above min_insertion_m ({self.min_insertion_m})")
 
@@ -101,7 +117,8 @@ class RcmController:
     Each step solves
 
         minimise   |J dq - (x_ref - x)|^2 w_tip + |dq - g (q_0 - q)|^2 w_posture
-        subject to the trocar's two rows, and the limits of position, speed, acceleration and insertion,
+        subject to the trocar's two rows, the limits of position, speed, acceleration and insertion, and, where they come
+                   near, those of the wall and of another shaft,
 
     and integrates the answer into a reference configuration of its own, so that noise of the measured joints does not
     enter. The sixth degree of freedom, the roll about the shaft, follows the posture that `reset` was given. Without a
@@ -122,15 +139,29 @@ class RcmController:
         model = arm.model.copy()
         self._configuration = Configuration(model, model.createData(), np.zeros(model.nq))
         self._tip_task = FrameTask(SHAFT_TIP, position_cost=config.tip_cost_per_m, orientation_cost=0.0)
+        self._held_back_task = TipPositionTask(config.tip_cost_per_m)
         self._posture_task = PostureTask(cost=config.posture_cost_per_rad, gain=config.posture_gain)
         speed = np.minimum(arm.max_joint_speed, config.max_joint_speed_radps)
         acceleration = np.full(model.nv, config.max_joint_acceleration_radps2)
         insertion = InsertionLimit(trocar_in_world, min_m=config.min_insertion_m, max_m=max_insertion)
         self._joint_limit = JointBoxLimit(arm.lower_position, arm.upper_position, speed, acceleration)
-        self._limits: list[Limit] = [self._joint_limit, insertion]
+        self._clearance = ShaftClearanceLimit(
+            length_m=arm.shaft.length_m, radius_m=0.5 * arm.shaft.diameter_m, margin_m=config.shaft_margin_m
+        )
+        others: list[Limit] = [insertion, self._clearance]
+        if config.wall_outwards is not None:
+            wall = WallLimit(
+                trocar_in_world,
+                config.wall_outwards,
+                length_m=arm.shaft.length_m,
+                tip_room_m=config.min_tip_depth_m,
+                flange_room_m=config.min_flange_height_m,
+            )
+            others.append(wall)
+        self._limits: list[Limit] = [self._joint_limit, *others]
         self._braking_limits: list[Limit] = [
             JointBoxLimit(arm.lower_position, arm.upper_position, speed, max_acceleration=None),
-            insertion,
+            *others,
         ]
         self._trocar_task = RcmTask(self._trocar_in_world, feedback=config.rcm_feedback)
         self._qdot = np.zeros(model.nv)
@@ -138,6 +169,30 @@ class RcmController:
         self._tip_reference = np.zeros(3)
         self._started = False
         self._status = RcmStatus.TRACKING
+        self._reason = ""
+
+    @property
+    def last_reason(self) -> str:
+        """What kept the last step from going as asked; empty while it goes as asked."""
+        return self._reason
+
+    @property
+    def shaft_room_m(self) -> float:
+        """Room between the surfaces of the reference's shaft and the other one; infinite if there is none."""
+        return self._clearance.distance(self._configuration)
+
+    def set_other_shaft(self, world_from_shaft: ArrayLike, shaft: Shaft) -> None:
+        """Tell where another arm's shaft is, by the pose of its tip frame, 4x4; it counts as standing there from now on.
+
+        Raises:
+            InvalidValueError: If the pose has entries that are not finite.
+        """
+        pose = np.asarray(world_from_shaft, dtype=np.float64)
+        self._clearance.set_other(pose[:3, 3], pose[:3, 3] - shaft.length_m * pose[:3, 2], 0.5 * shaft.diameter_m)
+
+    def forget_other_shaft(self) -> None:
+        """Keep clear of no other shaft any more."""
+        self._clearance.clear_other()
 
     @property
     def last_status(self) -> RcmStatus:
@@ -183,6 +238,7 @@ class RcmController:
         self._tip_reference = self._tip_in_world()
         self._started = True
         self._status = RcmStatus.TRACKING
+        self._reason = ""
 
     def step(self, tip_velocity_in_world: ArrayLike, dt: float) -> tuple[Array, Array]:
         """Move the reference for one control period.
@@ -210,6 +266,7 @@ class RcmController:
             if not self._move(self._limited(np.zeros(3), before, dt), dt, self._braking_limits):
                 self._stand_still()
             self._status = RcmStatus.HELD
+            self._reason = "no step keeps the trocar and all limits at once"
         return start, self._qdot.copy()
 
     def hold(self, dt: float) -> tuple[Array, Array]:
@@ -232,9 +289,12 @@ class RcmController:
         self._tip_task.set_target(target)
         self._joint_limit.set_last_velocity(self._qdot)
         self._trocar_task.max_correction_m = self._config.max_rcm_correction_mps * dt
+        self._held_back_task.target_in_world = np.array(tip_reference_in_world)
+        # A way that limits refuse is long, and a frame task would have the shaft roll to turn that way in the tip's frame.
+        held_back = self._status is RcmStatus.LIMITED
         return build_ik(
             self._configuration,
-            [self._tip_task, self._posture_task],
+            [self._held_back_task if held_back else self._tip_task, self._posture_task],
             dt,
             limits=self._limits if limits is None else limits,
             constraints=[self._trocar_task],
@@ -242,21 +302,32 @@ class RcmController:
 
     def _move(self, tip_velocity: Array, dt: float, limits: list[Limit]) -> bool:
         reference = self._tip_reference + dt * tip_velocity
-        solution = qpsolvers.solve_problem(self.problem(reference, dt, limits), solver="daqp", primal_tol=_PRIMAL_TOLERANCE)
+        problem = self.problem(reference, dt, limits)
+        solution = qpsolvers.solve_problem(problem, solver="daqp", primal_tol=_PRIMAL_TOLERANCE)
         if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
             return False
         self._configuration.update(self._configuration.q + solution.x)
         self._qdot = solution.x / dt
         self._tip_velocity = tip_velocity
         self._status = RcmStatus.TRACKING
+        self._reason = ""
         tip = self._tip_in_world()
         ahead = reference - tip
         distance = float(np.linalg.norm(ahead))
         if distance > self._config.max_lag_m:
             ahead *= self._config.max_lag_m / distance
             self._status = RcmStatus.LIMITED
+            self._reason = self._active_limits(problem, solution.x)
         self._tip_reference = tip + ahead
         return True
+
+    def _active_limits(self, problem: qpsolvers.Problem, step: Array) -> str:
+        """Name the limits whose rows a step has used up."""
+        used = np.asarray(problem.h) - np.asarray(problem.G) @ step < _USED_UP
+        names = [*self._joint_limit.reasons(), "insertion, longest", "insertion, shortest"]
+        for limit in self._limits[2:]:
+            names += getattr(limit, "reasons", ())
+        return ", ".join(dict.fromkeys(name for name, row_is_used in zip(names, used, strict=True) if row_is_used))
 
     def _stand_still(self) -> None:
         self._qdot = np.zeros(self._arm.dof)

@@ -8,8 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.shafts import INSTRUMENT, Shaft
+from laploop.control.approach_geometry import ApproachDistances, ApproachGeometry
 from laploop.control.messages import ControlInput
+from laploop.control.surface_feeler import FeelerConfig, SurfaceFeeler
 from laploop.control.targeting import Target, Targeting, TargetingConfig
+from laploop.control.tip_motion import Leg, TipMotion, steady_admittance
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Rig
 
@@ -33,6 +36,10 @@ class ReachPhase(StrEnum):
     """Light contact: force decides along the normal, the target's position across it."""
     RETREAT = "retreat"
     """Something pushed hard: back along the shaft until nothing is felt."""
+
+
+_FREE = frozenset({ReachPhase.RISE, ReachPhase.TRAVEL, ReachPhase.DESCEND})
+"""Nothing should be touched yet; the names are those of the legs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +112,27 @@ class ReachController:
         """Take the camera's geometry."""
         self._config = config = config or ReachControllerConfig()
         self._targeting = Targeting(rig, config.targeting)
+        self._motion = TipMotion(
+            max_speed_mps=config.max_speed_mps,
+            max_catch_up_mps=config.max_catch_up_mps,
+            acceleration_mps2=config.acceleration_mps2,
+            position_gain_per_s=config.position_gain_per_s,
+        )
+        self._distances = ApproachDistances(
+            shaft=config.shaft,
+            standoff_m=config.standoff_m,
+            clearance_m=config.clearance_m,
+            max_climb_m=config.max_climb_m,
+        )
+        self._feeler = SurfaceFeeler(
+            FeelerConfig(
+                approach_speed_mps=config.approach_speed_mps,
+                early_contact_m=config.early_contact_m,
+                search_m=config.search_m,
+                contact_slack_m=config.contact_slack_m,
+            ),
+            self._motion,
+        )
         self.reset()
 
     @property
@@ -124,28 +152,38 @@ class ReachController:
         self._phase = ReachPhase.WAIT
         self._phase_since_ns = 0
         self._last_ns: int | None = None
-        self._height = self._config.standoff_m
-        self._shift = 0.0
+        self._feeler.height = self._config.standoff_m
+        self._feeler.shift = 0.0
         self._attempts = 0
+        self._way_out = np.zeros(3)
 
     def command(self, state: ControlInput) -> Array:
-        """Return the desired tip velocity (3,) in m/s in the camera's frame; zero while a reading is not finite."""
+        """Return the desired tip velocity (3,) in m/s in the camera's frame.
+
+        While a reading is not finite the tip stands still far from tissue, and withdraws along its shaft from tissue.
+        """
         if not (math.isfinite(state.contact_force_n) and np.isfinite(state.tip_in_camera).all()):
-            return np.zeros(3)
+            return self._blind(state)
         elapsed = 0.0 if self._last_ns is None else (state.now_ns - self._last_ns) * 1e-9
         self._last_ns = state.now_ns
         self._target = self._targeting.update(state)
         if self._target is None:
             return np.zeros(3)
-        geometry = _Geometry(self._target, state, self._shift, self._config, self._attempts)
+        geometry = ApproachGeometry(
+            self._target, state, self._distances, shift=self._feeler.shift, along_shaft=self._attempts % 2 == 1
+        )
+        self._way_out = geometry.shaft
         self._change_phase(state, geometry)
-        velocity = self._velocity(state, geometry, elapsed)
-        speed = float(np.linalg.norm(velocity))
-        return velocity * min(1.0, self._config.max_speed_mps / max(speed, 1e-12))
+        return self._motion.bounded(self._velocity(state, geometry, elapsed))
 
-    def _change_phase(self, state: ControlInput, geometry: "_Geometry") -> None:
+    def _blind(self, state: ControlInput) -> Array:
+        if self._phase in {ReachPhase.APPROACH, ReachPhase.TOUCH}:
+            self._fail(state)
+        return 0.5 * self._config.max_speed_mps * self._way_out if self._phase is ReachPhase.RETREAT else np.zeros(3)
+
+    def _change_phase(self, state: ControlInput, geometry: ApproachGeometry) -> None:
         config, force = self._config, state.contact_force_n
-        free = self._phase in {ReachPhase.RISE, ReachPhase.TRAVEL, ReachPhase.DESCEND}
+        free = self._phase in _FREE
         touched = force >= config.contact_force_n
         if self._phase is ReachPhase.RETREAT:
             if force < config.contact_force_n and state.now_ns - self._phase_since_ns >= config.retreat_s * 1e9:
@@ -157,124 +195,58 @@ class ReachController:
         elif geometry.age_s > config.max_age_s and self._phase in {ReachPhase.APPROACH, ReachPhase.TOUCH}:
             self._enter(ReachPhase.DESCEND, state)
         elif self._phase is ReachPhase.APPROACH and touched:
-            if self._height > config.early_contact_m:
+            if self._feeler.too_early:
                 self._fail(state)
             else:
-                self._feel(geometry, share=1.0)
+                self._feeler.feel(state, geometry, share=1.0)
                 self._enter(ReachPhase.TOUCH, state)
         self._advance_free_motion(state, geometry)
 
-    def _advance_free_motion(self, state: ControlInput, geometry: "_Geometry") -> None:
-        tip = state.tip_in_camera
-        if self._phase is ReachPhase.RISE and tip[2] < geometry.safe_depth + 0.002:
-            self._enter(ReachPhase.TRAVEL, state)
-        if self._phase is ReachPhase.TRAVEL and np.linalg.norm(geometry.above - tip) < 0.003:
-            self._enter(ReachPhase.DESCEND, state)
-        fresh = geometry.age_s <= self._config.max_age_s
-        if self._phase is ReachPhase.DESCEND and fresh and np.linalg.norm(geometry.standoff - tip) < 0.002:
-            self._height = self._config.standoff_m
+    def _advance_free_motion(self, state: ControlInput, geometry: ApproachGeometry) -> None:
+        if self._phase not in _FREE:
+            return
+        leg = Leg(self._phase.value)
+        in_sight = geometry.age_s <= self._config.max_age_s
+        following = self._motion.leg_after(leg, state.tip_in_camera, geometry, in_sight=in_sight)
+        if following is Leg.ARRIVED:
+            self._feeler.height = self._config.standoff_m
             self._enter(ReachPhase.APPROACH, state)
+        elif following is not leg:
+            self._enter(ReachPhase(following.value), state)
 
-    def _velocity(self, state: ControlInput, geometry: "_Geometry", elapsed: float) -> Array:
-        tip, flow = state.tip_in_camera, geometry.flow
+    def _velocity(self, state: ControlInput, geometry: ApproachGeometry, elapsed: float) -> Array:
         match self._phase:
             case ReachPhase.RISE | ReachPhase.RETREAT:
-                return 0.5 * self._config.max_speed_mps * geometry.shaft
-            case ReachPhase.TRAVEL:
-                return flow + self._towards(geometry.above - tip)
-            case ReachPhase.DESCEND:
-                return flow + self._towards(geometry.standoff - tip)
+                return self._motion.along(Leg.RISE, state.tip_in_camera, geometry)
+            case ReachPhase.TRAVEL | ReachPhase.DESCEND:
+                return self._motion.along(Leg(self._phase.value), state.tip_in_camera, geometry)
             case ReachPhase.APPROACH:
-                return flow + self._descent(state, geometry, elapsed)
+                return geometry.flow + self._feeler.descend(state, geometry, elapsed)
             case ReachPhase.TOUCH:
-                return flow + self._touch(state, geometry, elapsed)
+                return geometry.flow + self._touch(state, geometry, elapsed)
             case _:
                 return np.zeros(3)
 
-    def _towards(self, way: Array) -> Array:
-        distance = max(float(np.linalg.norm(way)), 1e-12)
-        config = self._config
-        speed = min(
-            config.max_speed_mps, math.sqrt(2.0 * config.acceleration_mps2 * distance), config.position_gain_per_s * distance
-        )
-        return way * (speed / distance)
-
-    def _descent(self, state: ControlInput, geometry: "_Geometry", elapsed: float) -> Array:
-        """Lower the reference along the approach axis, then along the viewing ray, and follow it with the tip."""
-        config = self._config
-        step = config.approach_speed_mps * elapsed
-        reference = geometry.goal + self._height * geometry.axis
-        way = reference - state.tip_in_camera
-        back = self._back_to_the_reference(way)
-        if np.linalg.norm(way) > 0.002:
-            return back
-        if self._height > 0.0:
-            self._height = max(self._height - step, 0.0)
-            ahead = -geometry.axis
-        elif self._shift < config.search_m:
-            self._shift += step
-            ahead = geometry.ray
-        else:
-            ahead = np.zeros(3)
-        return config.approach_speed_mps * ahead + back
-
-    def _back_to_the_reference(self, way: Array) -> Array:
-        """Return the velocity that removes a lag; near tissue that must never be a leap."""
-        velocity = self._config.position_gain_per_s * way
-        return velocity * min(1.0, self._config.max_catch_up_mps / max(float(np.linalg.norm(velocity)), 1e-12))
-
-    def _touch(self, state: ControlInput, geometry: "_Geometry", elapsed: float) -> Array:
+    def _touch(self, state: ControlInput, geometry: ApproachGeometry, elapsed: float) -> Array:
         config, normal, force = self._config, geometry.normal, state.contact_force_n
         if force >= 0.5 * config.contact_force_n:
-            self._feel(geometry, share=min(1.0, config.adaptation_per_s * elapsed))
+            self._feeler.feel(state, geometry, share=min(1.0, config.adaptation_per_s * elapsed))
         way = geometry.goal - state.tip_in_camera
         along = float(way @ normal)
-        across = self._back_to_the_reference(way - along * normal)
-        lift = config.admittance_mps_per_n * (force - config.hold_force_n)
+        across = self._motion.back(way - along * normal, lead_ns=state.lead_ns)
+        admittance = steady_admittance(config.admittance_mps_per_n, state.lead_ns)
+        lift = admittance * (force - config.hold_force_n)
         lift = min(max(lift, -config.max_press_speed_mps), config.max_yield_speed_mps)
         if along > config.search_m and lift < 0.0:
             # Nothing is felt that deep below the surface: go by sight.
             lift = min(config.position_gain_per_s * (along - config.search_m), config.max_yield_speed_mps)
         return across + lift * normal
 
-    def _feel(self, geometry: "_Geometry", *, share: float) -> None:
-        """Shift the seen surface along its viewing ray, by a share of what separates it from the felt one."""
-        limit = self._config.early_contact_m
-        self._shift = min(max(self._shift + share * geometry.felt_shift, -limit), limit)
-
     def _fail(self, state: ControlInput) -> None:
         self._attempts += 1
-        self._shift = 0.0
+        self._feeler.shift = 0.0
         self._enter(ReachPhase.RETREAT, state)
 
     def _enter(self, phase: ReachPhase, state: ControlInput) -> None:
         self._phase = phase
         self._phase_since_ns = state.now_ns
-
-
-class _Geometry:
-    """Points and directions of one tick, in the camera's frame."""
-
-    def __init__(self, target: Target, state: ControlInput, shift: float, config: ReachControllerConfig, attempts: int) -> None:
-        radius = config.shaft.tip_radius_m
-        self.normal = target.normal
-        self.flow = target.velocity
-        self.age_s = target.age_ns(state.now_ns) * 1e-9
-        self.ray = target.point / np.linalg.norm(target.point)
-        self.goal = target.point + shift * self.ray + radius * target.normal
-        self.shaft = _unit(state.trocar_in_camera - self.goal)
-        # The shaft's own direction keeps off neighbouring lobes, the normal keeps the ball from sliding: first between the
-        # two, after a bump along the shaft.
-        self.axis = _unit(target.normal + self.shaft) if attempts % 2 == 0 else self.shaft
-        self.standoff = self.goal + config.standoff_m * self.axis
-        self.safe_depth = max(target.nearest_depth - config.clearance_m - radius, self.goal[2] - config.max_climb_m)
-        climb = max(self.standoff[2] - self.safe_depth, 0.0) / max(-self.shaft[2], 0.2)
-        self.above = self.standoff + climb * self.shaft
-        # The seen surface moves against the normal when it moves along the ray.
-        gap = float((state.tip_in_camera - self.goal) @ target.normal)
-        gap -= min(max(gap, -config.contact_slack_m), config.contact_slack_m)
-        self.felt_shift = gap / min(float(self.ray @ target.normal), -0.3)
-
-
-def _unit(vector: Array) -> Array:
-    return vector / max(float(np.linalg.norm(vector)), 1e-12)

@@ -5,4 +5,7 @@ Importing this package registers its environments, by name alone: nothing heavy 
 
 from gymnasium.envs.registration import register
 
-register(id="laploop/Reach-v0", entry_point="laploop.envs.reach_env:ReachEnv")
+from laploop.envs.tasks import TASKS, environment_id
+
+for _task, _entry_point in TASKS.items():
+    register(id=environment_id(_task), entry_point=_entry_point)

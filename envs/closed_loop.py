@@ -7,11 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.scope_optics import ScopeOptics
-from laploop.assets.shafts import INSTRUMENT
 from laploop.control.messages import ControlInput
-from laploop.control.rcm_controller import RcmController, RcmControllerConfig
-from laploop.control.robot import ArmModel
+from laploop.control.rcm_controller import RcmController, RcmControllerConfig, RcmStatus
+from laploop.envs.actuation import ActuationConfig
+from laploop.envs.believed_arm import BelievedArm, BelievedScope, BelievedTool
 from laploop.envs.clock_rates import ClockRates
+from laploop.envs.faults import Fault, FaultInjector
+from laploop.envs.kinematic_errors import KinematicErrors
 from laploop.envs.latency import ConstantLatency, LatencyModel
 from laploop.envs.perception_server import CapturedFrame, PerceptionServer, ServedFrame
 from laploop.envs.proprioception import Proprioception, ProprioceptionConfig, ProprioceptiveReading
@@ -32,6 +34,9 @@ Array = NDArray[np.float64]
 MAX_WAIT_NS = 10_000_000_000
 """How long a reset waits for the first depth frame."""
 
+COVERED_MM = 3.0
+"""A point so far behind what its pixel shows is not seen."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class LoopConfig:
@@ -46,6 +51,11 @@ class LoopConfig:
     stripes: StripeOptics = field(default_factory=StripeOptics)
     proprioception: ProprioceptionConfig = field(default_factory=ProprioceptionConfig)
     rcm: RcmControllerConfig = field(default_factory=RcmControllerConfig)
+    actuation: ActuationConfig = field(default_factory=ActuationConfig)
+    """How both arms follow their joint targets."""
+    kinematic_errors: KinematicErrors = field(default_factory=KinematicErrors)
+    """What each arm's kinematics and the hand-eye calibration get wrong, drawn anew in every episode."""
+    faults: tuple[Fault, ...] = ()
     device: str = "cpu"
     """Where stripes are rendered: `cpu` or a CUDA device."""
 
@@ -60,15 +70,34 @@ class LoopConfig:
 
 
 class ClosedLoop:
-    """A theatre with its sensor, its perception stage and its arm controller, under one clock.
+    """A theatre with its sensor, its perception stage and its arm controllers, under one clock.
 
     In every physics step the order is: physics, kinematics refreshed, proprioception, capture if a camera period begins,
-    arrival of depth frames. In every control period the joint references come first.
+    arrival of depth frames. In every control period the joint references come first. A depth frame that a newer one has
+    overtaken is dropped when it arrives, so that the newest known is never replaced by an older one.
     """
 
-    def __init__(self, config: LoopConfig, estimator: DepthEstimator, recorder: Recorder | None = None) -> None:
-        """Keep the parts that outlive an episode; `reset` makes the rest."""
+    def __init__(
+        self,
+        config: LoopConfig,
+        estimator: DepthEstimator,
+        recorder: Recorder | None = None,
+        *,
+        moves_scope: bool = False,
+        locate_target: Callable[[], Array] | None = None,
+    ) -> None:
+        """Keep the parts that outlive an episode; `reset` makes the rest.
+
+        Args:
+            config: The stages and their timing.
+            estimator: The perception stage.
+            recorder: Told everything.
+            moves_scope: Whether the camera arm is controlled; it stands still otherwise.
+            locate_target: Returns where in the world the target is, (3,), for its marker; called at every capture.
+        """
         self.config = config
+        self._moves_scope = moves_scope
+        self._locate_target = locate_target
         self.estimator = estimator
         self.recorder: Recorder = recorder or NullRecorder()
         self.rig = Rig.from_optics(config.scope)
@@ -94,55 +123,69 @@ class ClosedLoop:
             if round(getattr(theatre_config, name) * 1e9) != period_ns:
                 raise InvalidValueError(name, getattr(theatre_config, name), f"{period_ns * 1e-9} as in the rates")
         self.close()
-        self._noise_rng, latency_rng, corruption_rng, texture_rng = rng.spawn(4)
+        self._noise_rng, latency_rng, corruption_rng, texture_rng, tool_rng, scope_rng = rng.spawn(6)
         self.timer = StageTimer()
         self.theatre = Theatre(theatre_config)
         self.theatre.reset()
-        arm = self.theatre.tool_arm
-        self._tool_controller = RcmController(ArmModel(arm.world_from_base, INSTRUMENT), arm.trocar_in_world, self.config.rcm)
-        self._tool_controller.reset(arm.home_q)
+        errors = self.config.kinematic_errors
+        exact = errors == KinematicErrors()
+        self.tool = BelievedTool(self.theatre, None if exact else errors.draw(tool_rng))
+        self.scope = BelievedScope(self.theatre, None if exact else errors.draw(scope_rng))
+        self._tool_controller = self._controller(self.tool)
+        self._scope_controller = self._controller(self.scope) if self._moves_scope else None
+        self._injector = FaultInjector(self.config.faults)
         self._camera = StripeCamera(self.rig, self.config.stripes, device=self.config.device)
         self._camera.attach(self.theatre.model, rng=texture_rng)
         self._server = PerceptionServer(self.estimator, self.config.latency, latency_rng)
         self._proprioception = Proprioception(
-            self.theatre, self.config.proprioception, self.config.rates.physics_steps_per_control
+            self.tool, self.config.proprioception, self.config.rates.physics_steps_per_control
         )
         self._proprioception.reset(np.random.RandomState(corruption_rng.integers(2**32)))
         self.frame_count = 0
         self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
-        self.max_force_n = 0.0
+        self.max_force_n = self.mean_force_n = 0.0
         self.first_captured: CapturedFrame | None = None
         self.newest_captured: CapturedFrame | None = None
         self.newest_served: ServedFrame | None = None
         self._in_transfer: list[CapturedFrame] = []
+        self._overtaken = 0
+        # Where the target's marker appears in the frames that are under way or newest, by their index.
+        self._markers: dict[int, Array | None] = {}
         self.recorder.begin(self.theatre, self.rig)
         self._capture_if_due()
         if at_first_frame is not None:
             at_first_frame()
+        self._mark(self.first_captured)
         self._deliver()
         while self.newest_served is None:
             if self.now_ns > MAX_WAIT_NS:
                 raise SimulationError(f"no depth frame arrived within {MAX_WAIT_NS * 1e-9:.0f} s of simulated time")
             self.advance(np.zeros(3))
 
-    def advance(self, tip_velocity_in_camera: Array) -> list[ServedFrame]:
+    def advance(self, tip_velocity_in_camera: Array, scope_velocity_in_camera: Array | None = None) -> list[ServedFrame]:
         """Run one control period.
 
         Args:
-            tip_velocity_in_camera: (3,), desired velocity of the tip in m/s, along the camera's axes.
+            tip_velocity_in_camera: (3,), desired velocity of the tool's tip in m/s, along the camera's axes.
+            scope_velocity_in_camera: The same of the scope's tip, where it is moved; none counts as zero.
 
         Returns:
             The depth frames that arrived, oldest first.
         """
         rates = self.config.rates
         with self.timer.measure("control"):
-            rotation = self.theatre.world_from_camera()[:3, :3]
-            q, qdot = self._tool_controller.step(rotation @ tip_velocity_in_camera, rates.control_s)
+            rotation = self.scope.world_from_camera()[:3, :3]
+            # Each shaft keeps clear of the other, from where that one's robot believes it to be.
+            self._tool_controller.set_other_shaft(self.scope.tip_pose_in_world(), self.scope.model.shaft)
+            self.tool.command(*self._tool_controller.step(rotation @ tip_velocity_in_camera, rates.control_s))
+            if self._scope_controller is not None:
+                self._scope_controller.set_other_shaft(self.tool.tip_pose_in_world(), self.tool.model.shaft)
+                wanted = np.zeros(3) if scope_velocity_in_camera is None else rotation @ scope_velocity_in_camera
+                self.scope.command(*self._scope_controller.step(wanted, rates.control_s))
         self.timer.complete("control")
-        self.theatre.set_joint_targets(self.theatre.tool_arm, q, qdot)
         self._proprioception.before_control_period()
         self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
-        self.max_force_n = 0.0
+        self.max_force_n = self.mean_force_n = 0.0
         served: list[ServedFrame] = []
         for remaining in reversed(range(rates.physics_steps_per_control)):
             with self.timer.measure("physics"):
@@ -156,6 +199,7 @@ class ClosedLoop:
                 self.max_rcm_error_m[name] = max(self.max_rcm_error_m[name], self.theatre.rcm_error_m(arm))
             force = float(np.linalg.norm(self.theatre.contact_force_in_world()))
             self.max_force_n = max(self.max_force_n, force)
+            self.mean_force_n += force / rates.physics_steps_per_control
             self._capture_if_due()
             served += self._deliver()
         return served
@@ -167,25 +211,71 @@ class ClosedLoop:
 
     @property
     def dropped_frames(self) -> int:
-        """Frames that a newer one overtook before perception had time for them."""
-        return self._server.dropped if self._server is not None else 0
+        """Frames that a newer one overtook, before perception had time for them or on their way from it."""
+        return (self._server.dropped if self._server is not None else 0) + self._overtaken
+
+    @property
+    def tool_status(self) -> RcmStatus:
+        """What became of the last step of the tool arm."""
+        return self._tool_controller.last_status
+
+    @property
+    def scope_status(self) -> RcmStatus | None:
+        """What became of the last step of the camera arm; None where it stands still."""
+        return None if self._scope_controller is None else self._scope_controller.last_status
+
+    @property
+    def status_reason(self) -> str:
+        """What kept the last step of the moved arm from going as asked; empty while it goes as asked."""
+        return (self._scope_controller or self._tool_controller).last_reason
+
+    @property
+    def scope_insertion_m(self) -> float:
+        """Length of the scope's shaft inside the wall, by its kinematics."""
+        return float(np.linalg.norm(self.scope.trocar_in_world - self.scope.tip_pose_in_world()[:3, 3]))
+
+    def active_faults(self) -> tuple[str, ...]:
+        """Return the injected faults that last now."""
+        return self._injector.active(self.now_ns)
+
+    def corrupted_action(self, action: Array) -> Array:
+        """Return what an injected fault makes of an action."""
+        return self._injector.action(action, self.now_ns)
+
+    def tip_velocity_of_joints(self, qdot: Array) -> Array:
+        """Return the velocity of the moved arm's tip, (3,) m/s along the camera's axes, that joint velocities ask for.
+
+        The joint velocities, (6,) rad/s, are first replaced by the nearest ones that leave the shaft on its trocar. The roll
+        about the shaft stays with the arm's posture.
+        """
+        arm = self.scope if self._scope_controller is not None else self.tool
+        controller = self._scope_controller or self._tool_controller
+        return np.asarray(self.scope.world_from_camera()[:3, :3].T @ arm.tip_velocity_of_joints(controller.q, qdot))
 
     def reading(self) -> ProprioceptiveReading:
         """Return what the tool arm's own channels deliver now."""
-        return self._proprioception.read()
+        return self._injector.reading(self._proprioception.read(), self.now_ns)
 
     def control_input(self, target_pixel: Array) -> ControlInput:
-        """Gather all that a tip controller may know."""
-        camera_from_world = invert_transform(self.theatre.world_from_camera())
+        """Gather all that a tip controller may know, but for what its task alone knows."""
+        world_from_camera = self.scope.world_from_camera()
+        camera_from_world = invert_transform(world_from_camera)
         reading = self.reading()
+        newest = self.newest_served
         return ControlInput(
             now_ns=self.now_ns,
-            depth=self.newest_served.depth if self.newest_served else None,
+            depth=newest.depth if newest else None,
             target_pixel=target_pixel,
             tip_in_camera=transform_points(camera_from_world, reading.tip_in_world),
             tip_velocity_in_camera=camera_from_world[:3, :3] @ reading.tip_velocity_in_world,
-            trocar_in_camera=transform_points(camera_from_world, self.theatre.tool_arm.trocar_in_world),
+            trocar_in_camera=transform_points(camera_from_world, self.tool.trocar_in_world),
             contact_force_n=float(np.linalg.norm(reading.contact_force_in_world)),
+            contact_force_in_camera=camera_from_world[:3, :3] @ reading.contact_force_in_world,
+            shaft_axis_in_camera=camera_from_world[:3, :3] @ self.tool.shaft_axis_in_world(),
+            scope_trocar_in_camera=transform_points(camera_from_world, self.scope.trocar_in_world),
+            world_from_camera=world_from_camera,
+            lead_ns=self.config.actuation.lead_ns,
+            marker_pixel=self._markers.get(newest.depth.index) if newest else None,
         )
 
     def close(self) -> None:
@@ -193,6 +283,11 @@ class ClosedLoop:
         if self._server is not None:
             self._server.close()
             self._server = None
+
+    def _controller(self, arm: BelievedArm) -> RcmController:
+        controller = RcmController(arm.model, arm.trocar_in_world, self.config.rcm)
+        controller.reset(arm.home_q)
+        return controller
 
     def _capture_if_due(self) -> None:
         now_ns = self.now_ns
@@ -209,13 +304,15 @@ class ClosedLoop:
             image=truth.image,
             captured_ns=now_ns,
             available_ns=now_ns + self.config.transfer_ns,
-            world_from_camera=world_from_camera,
+            world_from_camera=self.scope.world_from_camera(),
         )
         self.frame_count += 1
         captured = CapturedFrame(frame=frame, truth=truth)
         self.first_captured = self.first_captured or captured
         self.newest_captured = captured
         self._in_transfer.append(captured)
+        if captured is not self.first_captured:
+            self._mark(captured)
         with self.timer.measure("record"):
             self.recorder.frame(
                 FrameRecord(now_ns=now_ns, frame=frame, exact_depth_mm=truth.depth_mm, object_id=truth.object_id)
@@ -227,9 +324,15 @@ class ClosedLoop:
         now_ns = self.now_ns
         while self._in_transfer and self._in_transfer[0].frame.available_ns <= now_ns:
             self._server.submit(self._in_transfer.pop(0))
-        served = self._server.poll(now_ns)
-        for one in served:
+        arrived = self._injector.depth_frames(self._server.poll(now_ns), self._markers, now_ns)
+        served: list[ServedFrame] = []
+        for one in arrived:
+            if self.newest_served is not None and one.depth.captured_ns <= self.newest_served.depth.captured_ns:
+                self._overtaken += 1
+                continue
+            served.append(one)
             self.newest_served = one
+            self._markers = {index: pixel for index, pixel in self._markers.items() if index >= one.depth.index}
             if self._server.last_compute_s is not None:
                 self.timer.add("perception", self._server.last_compute_s)
             truth = one.captured.truth
@@ -244,3 +347,23 @@ class ClosedLoop:
                     )
                 )
         return served
+
+    def _mark(self, captured: CapturedFrame | None) -> None:
+        """Remember where the target appears in a frame that was captured just now."""
+        if captured is not None and self._locate_target is not None:
+            self._markers[captured.frame.index] = self._visible_pixel(captured, self._locate_target())
+
+    def _visible_pixel(self, captured: CapturedFrame, point_in_world: Array) -> Array | None:
+        """Return where a point of the tissue appears in a frame, (2,), or None where it is out of view or covered."""
+        camera = self.rig.camera
+        point = transform_points(invert_transform(self.theatre.world_from_camera()), point_in_world)
+        if point[2] <= 0.0:
+            return None
+        pixel = camera.project(point)
+        column, row = int(np.floor(pixel[0])), int(np.floor(pixel[1]))
+        if not (0 <= column < camera.width and 0 <= row < camera.height):
+            return None
+        # Deeper than what the pixel shows by more than the tissue's slope explains: something is in front of it.
+        covered = captured.truth.object_id[row, column] != ObjectId.TISSUE
+        covered = covered or point[2] * 1e3 - float(captured.truth.depth_mm[row, column]) > COVERED_MM
+        return None if covered else pixel

@@ -1,8 +1,9 @@
 """One closed-loop episode with a scripted controller, and its summary."""
 
 import time
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args
 
@@ -11,17 +12,21 @@ import numpy as np
 from laploop.assets.phantom import TissueConfig
 from laploop.assets.phantom_mesh import load_phantom
 from laploop.control.messages import TipController
-from laploop.control.reach_controller import ReachController
+from laploop.control.scripted import make_controller
+from laploop.envs.actuation import ActuationConfig, ActuationName
 from laploop.envs.base_motion import BaseMotion, MotionName
 from laploop.envs.closed_loop import LoopConfig
-from laploop.envs.latency import ConstantLatency
-from laploop.envs.reach_env import ReachConfig, ReachEnv
+from laploop.envs.latency import ConstantLatency, LatencyModel, TraceLatency
 from laploop.envs.recorder import Recorder
+from laploop.envs.task_config import TaskConfig
+from laploop.envs.task_env import TaskEnv
+from laploop.envs.tasks import TASKS, task_environment
 from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.registry import estimator_names
 
-TASKS = ("reach",)
+HOLDING_TASKS = ("reach", "palpate")
+"""Tasks that end as a success once something was held for long enough."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,19 +34,25 @@ class EpisodeConfig:
     """What to run, in words and numbers that a command line can give."""
 
     task: str = "reach"
-    """What to do: reach (touch a point that was chosen in the first frame)."""
+    """What to do: reach (touch a point that was chosen in the first frame), track (hold 3 mm above it), palpate (press on it
+    with 0.5 N), scan (follow a line drawn in the first frame), look (keep a point in the middle of the view)."""
     perception: str = "compact"
     """Depth estimator: compact (network), phase (classical demodulation), oracle (exact depth)."""
     motion: str = "still"
     """How the tissue moves: still, breathing (10 mm, 0.25 Hz), beating (1 mm, 1.2 Hz), or both."""
     seed: int = 0
     """Decides the tissue, the target and all noise."""
-    seconds: float = 10.0
-    """Simulated time after which the episode ends unsolved."""
-    hold_s: float = 0.3
-    """For how long without a break the tip must stay within 1.5 mm of an ideal touch; then the episode ends as a success."""
+    seconds: float | None = None
+    """Simulated time after which the episode ends: by default 10 s for reach and look, 15 palpate, 20 track, 30 scan."""
+    hold_s: float | None = None
+    """How long to hold until the episode ends as a success: within 1.5 mm of an ideal touch without a break for reach (by
+    default 0.3 s), within 0.1 N of 0.5 N for 95 % of the time for palpate (3 s)."""
+    actuation: str = "ideal"
+    """How the arms follow their joint targets: ideal, ur5-cb (125 Hz, 35 ms delay, 30 ms lag), ur5-e (500 Hz, 34 and 20 ms)."""
     perception_latency_ns: int = 40_000_000
     """From the capture of a frame to the arrival of its depth, in nanoseconds of simulated time."""
+    latency_trace: Path | None = None
+    """CSV file with a column latency_ms, as `laploop speed` writes it, replayed in place of the constant latency."""
     phantom: Path | None = None
     """Closed surface to be the tissue instead of a seeded one: .stl, .obj or .ply, millimetres, z up, 20-200 mm a side."""
 
@@ -49,39 +60,56 @@ class EpisodeConfig:
         """Check names and ranges.
 
         Raises:
-            UnknownNameError: If there is no such task, estimator or motion.
+            UnknownNameError: If there is no such task, estimator, motion or actuation.
             InvalidValueError: If a number is out of range.
         """
         for kind, name, available in (
             ("task", self.task, TASKS),
             ("perception", self.perception, estimator_names()),
             ("motion", self.motion, get_args(MotionName)),
+            ("actuation", self.actuation, get_args(ActuationName)),
         ):
             if name not in available:
                 raise UnknownNameError(kind, name, available)
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**31:
             raise InvalidValueError("seed", self.seed, "an integer from 0 to 2**31 - 1")
-        if not 0.0 < self.seconds <= 3600.0:
+        if self.seconds is not None and not 0.0 < self.seconds <= 3600.0:
             raise InvalidValueError("seconds", self.seconds, "above 0, at most 3600")
-        if not 0.0 < self.hold_s <= 3600.0:
+        if self.hold_s is not None and not 0.0 < self.hold_s <= 3600.0:
             raise InvalidValueError("hold_s", self.hold_s, "above 0, at most 3600")
+        if self.hold_s is not None and self.task not in HOLDING_TASKS:
+            raise InvalidValueError("hold_s", self.hold_s, f"only with the tasks {' and '.join(HOLDING_TASKS)}")
         if not 0 <= self.perception_latency_ns <= 5_000_000_000:
             raise InvalidValueError("perception_latency_ns", self.perception_latency_ns, "0 to 5e9 (5 s)")
 
-    def reach_config(self) -> ReachConfig:
-        """Translate into the environment's configuration; reads, checks and fills the phantom where one is given.
+    def duration_s(self) -> float:
+        """Return the simulated time after which the episode ends."""
+        return task_environment(self.task).default_config().max_seconds if self.seconds is None else self.seconds
+
+    def task_config(self) -> TaskConfig:
+        """Translate into the environment's configuration; reads phantom and latency trace where they are given.
 
         Raises:
-            MissingFileError: If the phantom's file does not exist.
-            InvalidValueError: If it is not one closed surface of sensible size.
+            MissingFileError: If the file of the phantom or of the trace does not exist.
+            InvalidValueError: If the phantom is not one closed surface of sensible size, or the trace has no times in it.
         """
-        return ReachConfig(
+        default: TaskConfig = task_environment(self.task).default_config()
+        held: dict[str, Any] = {} if self.hold_s is None else {"success_hold_s": self.hold_s}
+        return replace(
+            default,
             tissue=TissueConfig(solid=None if self.phantom is None else load_phantom(self.phantom)),
             motion=BaseMotion.named(self.motion),
-            loop=LoopConfig(latency=ConstantLatency(latency_ns=self.perception_latency_ns)),
-            max_seconds=self.seconds,
-            success_hold_s=self.hold_s,
+            loop=LoopConfig(latency=self._latency(), actuation=ActuationConfig.named(self.actuation)),
+            max_seconds=self.duration_s(),
+            # A controller that fails must not bring the arm's loop down.
+            bad_action="hold",
+            **held,
         )
+
+    def _latency(self) -> LatencyModel:
+        if self.latency_trace is not None:
+            return TraceLatency.from_csv(self.latency_trace)
+        return ConstantLatency(latency_ns=self.perception_latency_ns)
 
 
 def run_episode(
@@ -98,14 +126,15 @@ def run_episode(
         recorder: Told everything; closed if the episode ends as it should.
         progress: Called with the simulated seconds so far, every control period.
         estimator: Used instead of the one that `config.perception` names.
-        controller: Used instead of the scripted one.
+        controller: Used instead of the scripted one. A command that is not finite makes the arm hold for that period.
 
     Returns:
         The summary: outcome, errors, forces, ages of depth, and the wall-clock time of each stage.
     """
-    env = ReachEnv(config.reach_config(), perception=estimator or config.perception, recorder=recorder)
+    environment = task_environment(config.task)
+    env = environment(config.task_config(), perception=estimator or config.perception, recorder=recorder)
     try:
-        controller = controller or ReachController(env.loop.rig)
+        controller = controller or make_controller(config.task, env.loop.rig)
         controller.reset()
         _, info = env.reset(seed=config.seed)
         infos: list[dict[str, Any]] = []
@@ -114,7 +143,7 @@ def run_episode(
         while not finished:
             with env.loop.timer.measure("control"):
                 velocity = controller.command(env.control_input())
-            _, _, terminated, truncated, info = env.step(velocity.astype(np.float32))
+            _, _, terminated, truncated, info = env.step(np.asarray(velocity, dtype=np.float32))
             finished = terminated or truncated
             infos.append(info)
             if progress is not None:
@@ -128,26 +157,30 @@ def run_episode(
         env.close()
 
 
-def _summary(config: EpisodeConfig, env: ReachEnv, infos: list[dict[str, Any]], real_time_factor: float) -> dict[str, Any]:
+def _summary(config: EpisodeConfig, env: TaskEnv[Any], infos: list[dict[str, Any]], real_time_factor: float) -> dict[str, Any]:
     last = infos[-1]
-    hold_ticks = max(1, round(env.config.success_hold_s / env.config.loop.rates.control_s))
-    held_errors = [info["target_error_mm"] for info in infos[-hold_ticks:]]
+    held_errors = [info["target_error_mm"] for info in env.assessed(infos)]
     ages = [info["depth_age_ms"] for info in infos]
     return {
         "task": config.task,
         "perception": config.perception,
         "motion": config.motion,
+        "actuation": config.actuation,
         "success": last["success"],
         "terminated_by": last["terminated_by"],
         "sim_s": last["sim_s"],
         "real_time_factor": real_time_factor,
         "frames": last["frames"],
-        # Mean and 95th percentile of the final hold: before it, the distance still to go says nothing about accuracy.
+        # Mean and 95th percentile of what the task assesses, as the final hold: before it, the distance still to go says
+        # nothing about accuracy.
         "target_error_mm": {
             "mean": float(np.mean(held_errors)),
             "p95": float(np.percentile(held_errors, 95)),
             "final": last["target_error_mm"],
         },
+        "metrics": env.metrics(),
+        "status_ticks": dict(Counter(info["status"] for info in infos)),
+        "fault_ticks": dict(Counter(info["fault"] for info in infos if info["fault"] is not None)),
         "rcm_error_mm": {f"{arm}_max": max(info["rcm_error_mm"][arm] for info in infos) for arm in ("camera", "tool")},
         "contact_force_n": {"max": max(info["contact_force_n"] for info in infos)},
         "depth_mae_mm": float(np.nanmean([info["depth_mae_mm"] for info in infos])),

@@ -48,8 +48,3 @@ def reach_reward_terms(
         "success": float(succeeded),
         "harm": -float(harmed),
     }
-
-
-def weighted(terms: dict[str, float], weights: ReachRewardWeights) -> dict[str, float]:
-    """Multiply each term by its weight."""
-    return {name: value * getattr(weights, name) for name, value in terms.items()}

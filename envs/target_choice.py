@@ -52,24 +52,14 @@ def choose_target_pixel(
     Raises:
         SimulationError: If no pixel qualifies.
     """
+    fits = qualifying_pixels(capture, camera, trocar_in_camera, config)
     depth_m = capture.depth_mm.astype(np.float64) * 1e-3
     points = camera.rays * depth_m[..., None]
-    normals = capture.normals.astype(np.float64)
-    to_camera = -camera.rays / np.linalg.norm(camera.rays, axis=-1, keepdims=True)
-    to_trocar = trocar_in_camera - points
-    to_trocar /= np.linalg.norm(to_trocar, axis=-1, keepdims=True)
-    fits = (
-        (capture.object_id == ObjectId.TISSUE)
-        & capture.lit
-        & (np.linalg.norm(points[..., :2], axis=-1) < config.max_radius_m)
-        & (np.einsum("hwi,hwi->hw", normals, to_camera) > np.cos(config.max_slope_rad))
-        & (np.einsum("hwi,hwi->hw", normals, to_trocar) > np.cos(config.max_tool_angle_rad))
-    )
     rows, columns = np.nonzero(fits)
     surface = points[np.isfinite(depth_m)]
     for k in rng.permutation(len(rows)):
         row, column = int(rows[k]), int(columns[k])
-        if _shaft_is_clear(points[row, column], to_trocar[row, column], surface, config.clearance_m):
+        if shaft_is_clear(points[row, column], trocar_in_camera, surface, config):
             return column, row
     raise SimulationError(
         f"no pixel of the first frame qualifies as a target ({len(rows)} are lit tissue, face camera and tool and lie within "
@@ -77,8 +67,30 @@ def choose_target_pixel(
     )
 
 
-def _shaft_is_clear(point: Array, to_trocar: Array, surface: Array, clearance_m: float) -> bool:
+def qualifying_pixels(
+    capture: StripeCapture, camera: Intrinsics, trocar_in_camera: Array, config: TargetChoiceConfig
+) -> NDArray[np.bool_]:
+    """Return which pixels, (height, width), are fair targets, but for the room that the shaft needs."""
+    depth_m = capture.depth_mm.astype(np.float64) * 1e-3
+    points = camera.rays * depth_m[..., None]
+    normals = capture.normals.astype(np.float64)
+    to_camera = -camera.rays / np.linalg.norm(camera.rays, axis=-1, keepdims=True)
+    to_trocar = trocar_in_camera - points
+    to_trocar /= np.linalg.norm(to_trocar, axis=-1, keepdims=True)
+    return np.asarray(
+        (capture.object_id == ObjectId.TISSUE)
+        & capture.lit
+        & (np.linalg.norm(points[..., :2], axis=-1) < config.max_radius_m)
+        & (np.einsum("hwi,hwi->hw", normals, to_camera) > np.cos(config.max_slope_rad))
+        & (np.einsum("hwi,hwi->hw", normals, to_trocar) > np.cos(config.max_tool_angle_rad))
+    )
+
+
+def shaft_is_clear(point: Array, trocar_in_camera: Array, surface: Array, config: TargetChoiceConfig) -> bool:
+    """Say whether the tool's shaft has room over a point (3,), given points (n, 3) of the surface; the camera's frame."""
+    to_trocar = trocar_in_camera - point
+    to_trocar /= np.linalg.norm(to_trocar)
     offset = surface - point
     along = offset @ to_trocar
     across = np.linalg.norm(offset - along[:, None] * to_trocar, axis=1)
-    return not bool(np.any((along > 0.01) & (across < clearance_m)))
+    return not bool(np.any((along > 0.01) & (across < config.clearance_m)))

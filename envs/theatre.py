@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 
 from laploop.assets.instrument import TIP
 from laploop.assets.laparoscope import CAMERA, PROJECTOR
-from laploop.envs.arm import Arm, JointReference
+from laploop.envs.actuation import Actuation
+from laploop.envs.arm import Arm
 from laploop.envs.theatre_config import TheatreConfig
 from laploop.envs.theatre_scene import (
     CAMERA_ARM,
@@ -53,7 +54,7 @@ class Theatre:
         self._projector_site = self.model.site(f"{CAMERA_ARM}/{SCOPE_PREFIX}{PROJECTOR}").id
         self._tip_geoms = np.flatnonzero(self.model.geom_bodyid == self.model.body(f"{TOOL_ARM}/{INSTRUMENT_PREFIX}{TIP}").id)
         self._steps = 0
-        self._references: dict[str, JointReference] = {}
+        self._references: dict[str, Actuation] = {}
         self._settled_qpos = self._settle()
         self.reset()
 
@@ -73,8 +74,11 @@ class Theatre:
         self.data.qpos[:] = self._settled_qpos
         self._steps = 0
         for arm in self.arms:
-            self._references[arm.name] = JointReference(
-                q=arm.home_q, timestep_s=self.config.timestep_s, control_steps=self.config.control_steps
+            self._references[arm.name] = Actuation(
+                self.config.actuation,
+                q=arm.home_q,
+                timestep_ns=self.config.timestep_ns,
+                control_steps=self.config.control_steps,
             )
             self.data.ctrl[arm.actuator_indices] = arm.home_q
         self._place_stage()
@@ -88,7 +92,7 @@ class Theatre:
             SimulationError: If the state became invalid or MuJoCo gave a warning.
         """
         for arm in self.arms:
-            self.data.ctrl[arm.actuator_indices] = self._references[arm.name].advance()
+            self.data.ctrl[arm.actuator_indices] = self._references[arm.name].step(self.now_ns)
         self._place_stage()
         mujoco.mj_step(self.model, self.data)
         self._steps += 1
@@ -110,7 +114,7 @@ class Theatre:
         """
         if arm.name not in self._references:
             raise InvalidValueError("arm", arm.name, f"one of {', '.join(self._references)}")
-        self._references[arm.name].set_target(q, qdot)
+        self._references[arm.name].command(self.now_ns, q, qdot)
 
     def joint_positions(self, arm: Arm) -> Array:
         """Return the joint angles, (6,)."""
@@ -170,6 +174,7 @@ class Theatre:
 
     def _place_stage(self) -> None:
         self.data.mocap_pos[self._stage_mocap] = self._stage_in_world
+        self.data.mocap_pos[self._stage_mocap, :2] += self.config.travel.displacement(self.now_ns * 1e-9)
         self.data.mocap_pos[self._stage_mocap, 2] += self.stage_displacement_m()
 
     def _settle(self) -> Array:

@@ -5,7 +5,9 @@ from dataclasses import dataclass, field
 
 from laploop.assets.phantom import TissueConfig
 from laploop.assets.scope_optics import ScopeOptics
+from laploop.envs.actuation import ActuationConfig
 from laploop.envs.base_motion import BaseMotion
+from laploop.envs.stage_travel import StageTravel
 from laploop.errors import InvalidValueError
 
 
@@ -41,6 +43,9 @@ class TheatreConfig:
 
     seed: int
     motion: BaseMotion = field(default_factory=BaseMotion)
+    travel: StageTravel = field(default_factory=StageTravel)
+    actuation: ActuationConfig = field(default_factory=ActuationConfig)
+    """How both arms follow their joint targets."""
     working_distance_m: float | None = None
     """From the scope's tip down to the mean height of the tissue at rest; None draws it from 75 to 105 mm."""
     timestep_s: float = 0.002

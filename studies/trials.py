@@ -40,6 +40,7 @@ COLUMNS = (
     "real_time_factor",
     "error",
 )
+"""Columns of every task's table; behind them come the task's own metrics."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +109,8 @@ def run_trial(episode: EpisodeConfig) -> Row:
     try:
         summary = run_episode(episode)
     except (SimulationError, InfeasibleError) as error:
-        return {**dict.fromkeys(COLUMNS), "seed": episode.seed, "success": False, "terminated_by": "error", "error": str(error)}
+        failed = {"seed": episode.seed, "success": False, "terminated_by": "error", "error": str(error), "metrics": {}}
+        return {**dict.fromkeys(COLUMNS), **failed}
     return row_of(episode.seed, summary)
 
 
@@ -127,6 +129,7 @@ def row_of(seed: int, summary: Mapping[str, Any]) -> Row:
         "depth_valid_fraction": summary["depth_valid_fraction"],
         "real_time_factor": summary["real_time_factor"],
         "error": None,
+        "metrics": dict(summary.get("metrics", {})),
     }
 
 
@@ -148,8 +151,14 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         "contact_force_n": {"max": _worst(rows, "contact_force_n")},
         "rcm_error_mm": {"camera_max": _worst(rows, "rcm_camera_mm"), "tool_max": _worst(rows, "rcm_tool_mm")},
         "depth_mae_mm": float(np.mean(depth)) if (depth := _column(rows, "depth_mae_mm")).size else None,
+        "metrics": {name: _spread([row.get("metrics", {}).get(name) for row in rows]) for name in metric_names(rows)},
         "rows": list(rows),
     }
+
+
+def metric_names(rows: Sequence[Row]) -> tuple[str, ...]:
+    """Return the names of the task's own metrics, in the order of their first appearance."""
+    return tuple(dict.fromkeys(name for row in rows for name in row.get("metrics", {})))
 
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
@@ -164,9 +173,9 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
 def as_csv(rows: Sequence[Row]) -> str:
     """Write rows as CSV."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=COLUMNS, lineterminator="\n")
+    writer = csv.DictWriter(text, fieldnames=(*COLUMNS, *metric_names(rows)), lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows(_flat(row) for row in rows)
     return text.getvalue()
 
 
@@ -180,10 +189,16 @@ def as_markdown(rows: Sequence[Row], summary: Mapping[str, Any]) -> str:
         f"Final target error in mm: mean {_cell(error['mean'])}, median {_cell(error['median'])},",
         f"95th percentile {_cell(error['p95'])}, worst {_cell(error['max'])}.",
         "",
-        "| " + " | ".join(COLUMNS) + " |",
-        "|" + "---|" * len(COLUMNS),
     ]
-    lines += ["| " + " | ".join(_cell(row[name]) for name in COLUMNS) + " |" for row in rows]
+    metrics = summary["metrics"]
+    if metrics:
+        lines += ["| metric | mean | least | greatest |", "|---|---|---|---|"]
+        for name, one in metrics.items():
+            lines.append(f"| {name} | {_cell(one['mean'])} | {_cell(one['min'])} | {_cell(one['max'])} |")
+        lines.append("")
+    columns = (*COLUMNS, *metric_names(rows))
+    lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    lines += ["| " + " | ".join(_cell(_flat(row).get(name)) for name in columns) + " |" for row in rows]
     return "\n".join(lines) + "\n"
 
 
@@ -193,6 +208,18 @@ def _cell(value: object) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.3g}" if isinstance(value, float) else str(value).replace("|", "\\|")
+
+
+def _flat(row: Row) -> Row:
+    return {**{name: row[name] for name in COLUMNS}, **row.get("metrics", {})}
+
+
+def _spread(values: Sequence[float | None]) -> dict[str, float | None]:
+    """Return mean, least and greatest of what was measured."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return {"mean": None, "min": None, "max": None}
+    return {"mean": float(np.mean(known)), "min": min(known), "max": max(known)}
 
 
 def _column(rows: Sequence[Row], name: str) -> NDArray[np.float64]:

@@ -126,7 +126,8 @@ def _squares(corners: Array, grey: NDArray[np.uint8]) -> Array:
     """Return the grey values in the middles of the squares between corners (down, across, 2)."""
     middles = 0.25 * (corners[:-1, :-1] + corners[1:, :-1] + corners[:-1, 1:] + corners[1:, 1:])
     column, row = np.moveaxis(np.round(middles).astype(np.intp), -1, 0)
-    return grey[np.clip(row, 0, grey.shape[0] - 1), np.clip(column, 0, grey.shape[1] - 1)].astype(np.float64)
+    values: Array = grey[np.clip(row, 0, grey.shape[0] - 1), np.clip(column, 0, grey.shape[1] - 1)].astype(np.float64)
+    return values
 
 
 def _contrast(squares: Array) -> float:

@@ -66,8 +66,9 @@ def test_results_are_shown_on_the_standard_output(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("option", "value", "message"),
     [
-        ("--task", "dance", "unknown task 'dance'; available: reach"),
-        ("--perception", "eyes", "available: compact, oracle, phase"),
+        ("--task", "dance", "unknown task 'dance'; available: look, palpate, reach, scan, track"),
+        ("--perception", "eyes", "unknown perception 'eyes'; available: compact, "),
+        ("--actuation", "rocket", "unknown actuation 'rocket'; available: ideal, ur5-cb, ur5-e"),
         ("--motion", "wobbling", "available: beating, both, breathing, still"),
         ("--seconds", "-1", "seconds is -1.0; allowed: above 0"),
         ("--seed", "-1", "seed is -1; allowed: an integer from 0"),

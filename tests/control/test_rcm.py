@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from pink import Configuration
 
-from laploop.control.rcm import InsertionLimit, RcmTask, trocar_in_shaft, trocar_jacobian
+from laploop.control.rcm import InsertionLimit, RcmTask, TipPositionTask, trocar_in_shaft, trocar_jacobian
 from laploop.errors import InvalidValueError
 
 
@@ -86,3 +86,14 @@ def test_bad_geometry_is_refused(tool):
 
 def test_task_shows_its_trocar():
     assert "[0.0, 0.0, 1.0]" in repr(RcmTask([0.0, 0.0, 1.0]))
+
+
+def test_tip_position_task_has_the_jacobian_of_its_error_and_no_part_of_the_roll(tool, configuration):
+    task = TipPositionTask(1e3)
+    task.target_in_world = np.array([0.03, 0.0, 0.09])
+    expected = tool.model.tip_in_world(tool.home_q) - task.target_in_world
+    np.testing.assert_allclose(task.compute_error(configuration), expected, atol=1e-12)
+    jacobian = task.compute_jacobian(configuration)
+    np.testing.assert_allclose(jacobian, differences(configuration, task.compute_error), atol=1e-8)
+    np.testing.assert_allclose(jacobian[:, 5], 0.0, atol=1e-9)
+    assert "TipPositionTask" in repr(task)

@@ -242,10 +242,22 @@ def test_dead_force_sensor_ends_the_search_a_little_below_the_surface(simulation
     assert 0.0025 < depth_reached < 0.004  # metres; the search ends after 3 mm
 
 
-def test_force_that_is_not_a_number_stops_the_tip_until_it_is_one_again(simulation):
-    simulation.extra_force = lambda time_s: np.nan if 1.0 < time_s < 1.5 else 0.0
-    outcome = simulation.run(4.0)
-    assert not np.any(outcome.commands[126:187])  # 1.0 s to 1.5 s
+def test_force_that_is_not_a_number_far_from_tissue_stops_the_tip_until_it_is_one_again(simulation):
+    simulation.extra_force = lambda time_s: np.nan if 0.2 < time_s < 0.4 else 0.0
+    outcome = simulation.run(3.5)
+    assert not np.any(outcome.commands[26:49])  # 0.2 s to 0.4 s
+    assert outcome.solved_s is not None
+
+
+@pytest.mark.parametrize(("begin", "end"), [(1.0, 1.5), (2.2, 2.6)])
+def test_force_that_is_not_a_number_close_to_tissue_makes_the_tool_withdraw(simulation, begin, end):
+    simulation.extra_force = lambda time_s: np.nan if begin < time_s < end else 0.0
+    outcome = simulation.run(5.0, breathing_and_beating)
+    shaft = simulation.trocar - simulation.point
+    blind = slice(round(begin * 125) + 1, round(end * 125) - 1)
+    out = np.array(outcome.commands[blind]) @ shaft / np.linalg.norm(shaft)
+    np.testing.assert_allclose(out, 0.5 * ReachControllerConfig().max_speed_mps, rtol=0.01)  # the ball's radius aside
+    assert outcome.phases[-1] is ReachPhase.TOUCH
     assert outcome.solved_s is not None
     assert np.nanmax(outcome.forces) < 0.3  # newtons
 

@@ -1,10 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from laploop.control.messages import ControlInput
+from laploop.control.motion_predictor import Prediction
 from laploop.control.targeting import Targeting, TargetingConfig
 from laploop.control.tool_occlusion import hidden_by_tool
-from laploop.errors import InvalidValueError
+from laploop.errors import InvalidValueError, UnknownNameError
 
 FAR_TIP = np.array([0.06, 0.0, 0.03])
 TROCAR = np.array([0.17, 0.0, -0.1])
@@ -179,3 +182,56 @@ def test_reset_forgets_the_target(rig, sphere, make_frame, pixel):
 def test_bad_configuration_names_the_field(options):
     with pytest.raises(InvalidValueError, match=next(iter(options))):
         TargetingConfig(**options)
+
+
+def test_unknown_prediction_is_named():
+    with pytest.raises(UnknownNameError, match=r"magic.*none, rate, rhythms"):
+        TargetingConfig(prediction="magic")
+
+
+def test_marker_tells_of_sideways_motion(rig, make_plant):
+    class Marked:
+        """Slides the marker over a plane, whose depth does not show that."""
+
+        def __init__(self):
+            self.targeting = Targeting(rig)
+            self.targets = []
+
+        def command(self, state):
+            shift = 0.004 * min(state.now_ns * 1e-9, 1.0) if state.depth is None else 0.004 * state.depth.captured_ns * 1e-9
+            point = plant.centre + [shift, 0.0, 0.0]
+            self.targets.append(self.targeting.update(replace(state, marker_pixel=rig.camera.project(point))))
+            return np.zeros(3)
+
+    plant = make_plant(slope=(0.0, 0.0))
+    marked = Marked()
+    plant.run(marked, 1.0)
+    last = marked.targets[-1]
+    # Extrapolated across the frame's age; 4 mm/s.
+    np.testing.assert_allclose(last.point - plant.centre, [0.004 * 0.992, 0.0, 0.0], atol=1e-4)
+    np.testing.assert_allclose(last.velocity, [0.004, 0.0, 0.0], atol=2e-4)
+
+
+def test_velocity_is_that_of_the_time_when_a_command_takes_effect(rig, make_plant):
+    class Prophet:
+        def reset(self):
+            pass
+
+        def update(self, measured, captured_ns):
+            return True
+
+        def predict(self, at_ns):
+            return Prediction(value=0.001, velocity=at_ns * 1e-9, sigma=0.0, trusted=True)
+
+    class Listener:
+        def __init__(self):
+            self.targeting = Targeting(rig, predictor=Prophet())
+
+        def command(self, state):
+            self.state, self.target = state, self.targeting.update(state)
+            return np.zeros(3)
+
+    listener = Listener()
+    make_plant(late_ticks=5).run(listener, 0.2)
+    assert listener.target.predicted
+    assert listener.target.velocity[2] == pytest.approx((listener.state.now_ns + 40_000_000) * 1e-9)

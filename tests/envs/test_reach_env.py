@@ -6,6 +6,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import laploop.envs  # noqa: F401  registers the environments
+from laploop.assets.phantom import TissueConfig
+from laploop.assets.tissue_shape import TissueShape
 from laploop.envs.base_motion import BaseMotion
 from laploop.envs.closed_loop import LoopConfig
 from laploop.envs.latency import ConstantLatency
@@ -33,7 +35,8 @@ def rollout(env, seed, steps=30):
 def test_the_registered_environment_passes_gymnasiums_checker_without_a_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        made = gym.make("laploop/Reach-v0", perception="oracle")
+        coarse = TissueConfig(shape=TissueShape(samples=31), cells=(4, 4))
+        made = gym.make("laploop/Reach-v0", config=ReachConfig(tissue=coarse), perception="oracle")
         check_env(made.unwrapped, skip_render_check=True)
         made.close()
 

@@ -163,6 +163,22 @@ def test_summary_adds_rows_up(tmp_path):
     assert (tmp_path / "trials.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_tasks_own_metrics_are_added_up_and_become_columns():
+    rows = [
+        {**row_for(replace(EPISODE, seed=seed)), "metrics": {"standoff_rms_mm": rms}} for seed, rms in enumerate((0.2, 0.4))
+    ]
+    never_began = {**row_for(replace(EPISODE, seed=2)), "metrics": {"standoff_rms_mm": None}}
+    rows.append(never_began)
+    summary = summarise(rows)
+    assert summary["metrics"]["standoff_rms_mm"] == pytest.approx({"mean": 0.3, "min": 0.2, "max": 0.4})
+    header, first, *_, last = as_csv(rows).splitlines()
+    assert header.endswith(",standoff_rms_mm")
+    assert first.endswith(",0.2")
+    assert last.endswith(",")
+    assert "| standoff_rms_mm | 0.3 | 0.2 | 0.4 |" in as_markdown(rows, summary)
+    assert summarise([never_began])["metrics"]["standoff_rms_mm"]["mean"] is None
+
+
 def test_wilson_interval_matches_its_published_values():
     # 29 of 30: 83.3 to 99.4 %; none of 10: 0 to 27.8 %
     assert wilson_interval(29, 30) == pytest.approx((0.833, 0.994), abs=5e-4)

@@ -1,0 +1,48 @@
+"""A path drawn in an image, laid onto the surface."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.control.approach_geometry import unit
+from laploop.control.surface_patch import SurfacePatch
+from laploop.errors import InvalidValueError
+
+Array = NDArray[np.float64]
+
+
+class ScanPath:
+    """Points and normals along a line on the surface, by arc length, in the camera's frame of the frame that showed them.
+
+    Each place is a robust fit of its own; normals are smoothed over their neighbours, which have noise of their own.
+    """
+
+    def __init__(self, patches: list[SurfacePatch]) -> None:
+        """Take the surface at the places of the path, in order.
+
+        Raises:
+            InvalidValueError: If there are fewer than two places.
+        """
+        if len(patches) < 2:
+            raise InvalidValueError("places of the path on the surface", len(patches), "2 or more")
+        self._points = np.array([patch.point for patch in patches])
+        normals = np.array([patch.normal for patch in patches])
+        padded = np.concatenate([normals[:1], normals, normals[-1:]])
+        self._normals = 0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:]
+        steps = np.linalg.norm(np.diff(self._points, axis=0), axis=1)
+        self._along = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-6))])
+
+    @property
+    def length_m(self) -> float:
+        """Length of the path on the surface."""
+        return float(self._along[-1])
+
+    def place(self, along_m: float) -> tuple[Array, Array]:
+        """Return point and unit normal, each (3,), at an arc length; the ends beyond them."""
+        point = np.array([np.interp(along_m, self._along, self._points[:, axis]) for axis in range(3)])
+        normal = np.array([np.interp(along_m, self._along, self._normals[:, axis]) for axis in range(3)])
+        return point, unit(normal)
+
+    def above(self, along_m: float, height_m: float) -> Array:
+        """Return the point (3,) at a height over the path along its normal."""
+        point, normal = self.place(along_m)
+        return point + height_m * normal

@@ -1,0 +1,28 @@
+import pytest
+
+from laploop.control.look_controller import LookController
+from laploop.control.palpate_controller import PalpateController
+from laploop.control.reach_controller import ReachController
+from laploop.control.scan_controller import ScanController
+from laploop.control.scripted import make_controller
+from laploop.control.track_controller import TrackController
+from laploop.errors import UnknownNameError
+
+
+@pytest.mark.parametrize(
+    ("task", "cls"),
+    [
+        ("reach", ReachController),
+        ("track", TrackController),
+        ("palpate", PalpateController),
+        ("scan", ScanController),
+        ("look", LookController),
+    ],
+)
+def test_every_task_has_its_controller(rig, task, cls):
+    assert type(make_controller(task, rig)) is cls
+
+
+def test_unknown_task_is_named_beside_what_there_is(rig):
+    with pytest.raises(UnknownNameError, match=r"juggle.*look, palpate, reach, scan, track"):
+        make_controller("juggle", rig)
