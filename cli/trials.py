@@ -38,7 +38,8 @@ def main(arguments: Sequence[str]) -> int:
         folder.write_text("trials.csv", as_csv(rows))
         folder.write_text("trials.md", as_markdown(rows, results))
         with folder.artefact("trials.png") as path:
-            draw_trials(rows, f"{episode.task}  |  {episode.perception}  |  {episode.motion}  |  {len(rows)} seeds", path)
+            title = f"{episode.task}  |  {episode.perception}  |  {episode.motion}  |  {len(rows)} seeds"
+            draw_trials(rows, title, path, task=episode.task)
         folder.write_summary(results, config=chosen, seed=episode.seed)
     low, high = results["success_interval_95"]
     table = ResultTable(f"{episode.task}, {episode.perception}, {episode.motion}, {len(rows)} seeds")

@@ -16,7 +16,7 @@ from laploop.envs.recorder import DepthRecord
 from laploop.studies.figure_style import BLUE, GREY, ORANGE, RED, draw_grid, draw_limit, figure_page
 
 SUCCESS_RADIUS_MM = ReachConfig.success_radius_m * 1e3
-"""Drawn in the plot of the target error."""
+"""Drawn in the plot of the reach task's target error."""
 
 _ROWS = {1: ("only",), 2: ("start", "end"), 3: ("start", "middle", "end")}
 _COLUMNS = ("Stripes", "Depth (estimated)", "Depth (truth)", "Error (estimate - truth)")
@@ -31,7 +31,8 @@ def draw_episode(log: EpisodeLog, summary: Mapping[str, Any], path: Path | str) 
 
     Args:
         log: What happened; an episode without any depth frame or tick leaves the places of these empty.
-        summary: `task`, `perception`, `motion`, `seed`, `terminated_by` and, where there is one, `target_error_mm`.
+        summary: `task`, `perception`, `motion`, `seed`, `terminated_by` and, where they are known, `success` and
+            `target_error_mm`.
         path: Where to write.
     """
     records = log.key_depths()
@@ -40,12 +41,14 @@ def draw_episode(log: EpisodeLog, summary: Mapping[str, Any], path: Path | str) 
         images, plots = cast("list[SubFigure]", figure.subfigures(2, 1, height_ratios=[height_in - 4.25, 3.8]))
         if records:
             _draw_images(images, records)
-        _draw_plots(plots, log)
+        _draw_plots(plots, log, SUCCESS_RADIUS_MM if summary["task"] == "reach" else None)
 
 
 def _title(summary: Mapping[str, Any]) -> str:
     ended = str(summary["terminated_by"])
-    outcome = {"success": "target reached", "time": "time ran out"}.get(ended, f"stopped: {ended}")
+    in_time = "solved to the end" if summary.get("success") else "time ran out"
+    solved = "target reached" if summary["task"] == "reach" else "solved"
+    outcome = {"success": solved, "time": in_time}.get(ended, f"stopped: {ended}")
     final = summary.get("target_error_mm", {}).get("final")
     if final is not None:
         outcome += f", final error {final:.2f} mm"
@@ -95,19 +98,20 @@ def _colors(name: str) -> Colormap:
     return mpl.colormaps[name].with_extremes(bad=_NOTHING)
 
 
-def _draw_plots(figure: SubFigure, log: EpisodeLog) -> None:
+def _draw_plots(figure: SubFigure, log: EpisodeLog, limit_mm: float | None) -> None:
     target, force, rcm = figure.subplots(3, 1, sharex=True, height_ratios=[3, 2, 1.4])
     times = log.times_s()
     error = log.series("target_error_mm")
-    draw_limit(target, SUCCESS_RADIUS_MM)
-    target.annotate(
-        f"{SUCCESS_RADIUS_MM:g} mm",
-        (1.0, SUCCESS_RADIUS_MM),
-        xycoords=("axes fraction", "data"),
-        ha="right",
-        va="bottom",
-        color=GREY,
-    )
+    if limit_mm is not None:
+        draw_limit(target, limit_mm)
+        target.annotate(
+            f"{limit_mm:g} mm",
+            (1.0, limit_mm),
+            xycoords=("axes fraction", "data"),
+            ha="right",
+            va="bottom",
+            color=GREY,
+        )
     target.plot(times, error, color=BLUE, linewidth=1.6)
     if np.nanmax(error, initial=0.0) > 0.0:
         target.set_yscale("log")
