@@ -55,6 +55,9 @@ results: $(STAMP)
 	for estimator in oracle phase compact; do for motion in still breathing; do \
 	  $(BIN)/laploop trials --perception $$estimator --motion $$motion --seeds 30 --workers 2 --out runs/trials-$$estimator-$$motion \
 	  && cp runs/trials-$$estimator-$$motion/summary.json $(RESULTS)/trials-$$estimator-$$motion.json || exit 1; done; done
+	for motion in still breathing; do \
+	  $(BIN)/laploop trials --perception ssle-phase --motion $$motion --seeds 10 --workers 2 --out runs/trials-ssle-phase-$$motion \
+	  && cp runs/trials-ssle-phase-$$motion/summary.json $(RESULTS)/trials-ssle-phase-$$motion.json || exit 1; done
 	$(BIN)/laploop synthesize --out $(FRAMES)
 	$(BIN)/laploop evaluate --dataset $(FRAMES) --models phase compact --out runs/depth && cp runs/depth/depth.json assets/weights/compact.json
 	$(BIN)/laploop characterize --out runs/characterization && cp runs/characterization/summary.json $(RESULTS)/characterization.json

@@ -18,7 +18,7 @@ END = "<!-- results: end -->"
 DEPTH = Path(str(files("laploop.assets") / "weights" / "compact.json"))
 """The depth evaluation that the shipped weights' card rests on."""
 
-TRIALS = ("oracle-still", "oracle-breathing", "compact-still", "compact-breathing", "phase-still", "phase-breathing")
+TRIALS = tuple(f"{name}-{motion}" for name in ("oracle", "compact", "ssle-phase", "phase") for motion in ("still", "breathing"))
 """Closed-loop studies, in the order of the table: estimator and motion; those without a file are left out."""
 
 
