@@ -104,11 +104,6 @@ class SafeApproach:
         return self._phase
 
     @property
-    def attempts(self) -> int:
-        """How often the tool has had to withdraw."""
-        return self._attempts
-
-    @property
     def alarm(self) -> bool:
         """Whether a force at or above the alarm has been read since `reset`."""
         return self._alarm

@@ -147,11 +147,6 @@ class Targeting:
         self._sideways = tuple(AxialTracker(self._tracker_config, 0) for _ in range(2))
         self._poses: deque[tuple[int, Array]] = deque(maxlen=_HISTORY_TICKS)
 
-    @property
-    def displaced_points(self) -> Array:
-        """The points that are followed, (n, 3), where the newest frame has shown them; the reference frame's camera."""
-        return self._points + self._displacement_at(self._newest_ns)
-
     def update(self, state: ControlInput) -> Target | None:
         """Take in what is known at a control tick; return the target, or None as long as no frame has shown it.
 

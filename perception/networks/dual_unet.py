@@ -68,9 +68,6 @@ _SIZES = {
     "tiny": (LatentUNetConfig(base=4, multipliers=(1, 2)), LatentUNetConfig(base=8, multipliers=(1, 2, 4))),
 }
 
-DUAL_UNET_SIZES: tuple[str, ...] = tuple(_SIZES)
-"""Names of the sizes."""
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DualUNetOutput:

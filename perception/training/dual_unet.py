@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 import torch
@@ -12,9 +13,8 @@ from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.perception.datasets import DepthDataset
 from laploop.perception.losses import masked_l1, masked_mean
 from laploop.perception.networks.dual_unet import DualUNet, DualUNetConfig
-from laploop.perception.training.fit import Machine, check_fresh, fit, require_lightning
 from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, Schedule, flip_and_gain, seeded
-from laploop.perception.training.samples import Samples, check_against, check_size
+from laploop.perception.training.single_stage import TrainingOptions, train_single_stage
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,28 +107,8 @@ class DualUNetRecipe(Recipe):
 
 
 def train_dual_unet(
-    dataset: DepthDataset,
-    out: Path,
-    *,
-    config: DualUNetConfig,
-    training: DualUNetTraining,
-    against: str = "exact",
-    machine: Machine | None = None,
-    limit: int | None = None,
-    resume: bool = False,
-    progress: bool = True,
+    dataset: DepthDataset, out: Path, *, config: DualUNetConfig, training: DualUNetTraining, **options: Unpack[TrainingOptions]
 ) -> Path:
-    """Train and return the path of the weights in `out`.
-
-    Raises:
-        InvalidValueError: If the data set does not fit the network, or Lightning is not installed.
-        OutputError: If `out` holds a training and `resume` is off.
-    """
-    require_lightning()
-    check_size(dataset, config.height, config.width)
-    check_against(dataset, against)
-    check_fresh(out / "checkpoint.safetensors", resume=resume)
-    recipe = DualUNetRecipe(config, training)
-    train = Samples.read(dataset, "train", recipe, against=against, limit=limit, progress=progress)
-    val = Samples.read(dataset, "val", recipe, against=against, limit=limit, progress=progress)
-    return fit(recipe, train, val, out, machine=machine, resume=resume, progress=progress)
+    """Train and return the path of the weights in `out`; options and errors as for `train_single_stage`."""
+    size = (config.height, config.width)
+    return train_single_stage(dataset, out, lambda: DualUNetRecipe(config, training), size=size, **options)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 import torch
@@ -13,9 +14,8 @@ from laploop.errors import InvalidValueError
 from laploop.perception.datasets import DepthDataset
 from laploop.perception.networks.ssle_phase import SslePhase, SslePhaseConfig, SslePhaseOutput
 from laploop.perception.networks.ssle_phase_front import RigBatch, rig_numbers
-from laploop.perception.training.fit import Machine, check_fresh, fit, require_lightning
 from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, Schedule, flip_and_gain, seeded
-from laploop.perception.training.samples import Samples, check_against, check_size
+from laploop.perception.training.single_stage import TrainingOptions, train_single_stage
 
 _NEAREST_MM, _FARTHEST_MM = 20.0, 250.0
 """Truth outside is not learned from: the network's depth ends about there."""
@@ -140,23 +140,8 @@ def train_ssle_phase(
     *,
     config: SslePhaseConfig,
     training: SslePhaseTraining,
-    against: str = "exact",
-    machine: Machine | None = None,
-    limit: int | None = None,
-    resume: bool = False,
-    progress: bool = True,
+    **options: Unpack[TrainingOptions],
 ) -> Path:
-    """Train and return the path of the weights in `out`.
-
-    Raises:
-        InvalidValueError: If the data set does not fit the network, or Lightning is not installed.
-        OutputError: If `out` holds a training and `resume` is off.
-    """
-    require_lightning()
-    check_size(dataset, config.height, config.width)
-    check_against(dataset, against)
-    check_fresh(out / "checkpoint.safetensors", resume=resume)
-    recipe = SslePhaseRecipe(config, training)
-    train = Samples.read(dataset, "train", recipe, against=against, limit=limit, progress=progress)
-    val = Samples.read(dataset, "val", recipe, against=against, limit=limit, progress=progress)
-    return fit(recipe, train, val, out, machine=machine, resume=resume, progress=progress)
+    """Train and return the path of the weights in `out`; options and errors as for `train_single_stage`."""
+    size = (config.height, config.width)
+    return train_single_stage(dataset, out, lambda: SslePhaseRecipe(config, training), size=size, **options)
