@@ -34,6 +34,7 @@ COMMANDS = {
     "export": Command(module="laploop.cli.export", summary="write a depth network as ONNX"),
     "run": Command(module="laploop.cli.run", summary="run one closed-loop episode; recording, figure, summary"),
     "trials": Command(module="laploop.cli.trials", summary="run many episodes, one a seed; success rate and error table"),
+    "tasks": Command(module="laploop.cli.tasks", summary="run every task over many seeds; what is as asked, in a table"),
     "bench": Command(module="laploop.cli.bench", summary="measure every stage of the loop on this machine"),
     "collect": Command(module="laploop.cli.collect", summary="collect stripe frames paired with a reference camera's depth"),
     "synthesize": Command(module="laploop.cli.synthesize", summary="render stripe frames with exact depth, for training"),

@@ -65,6 +65,12 @@ def _show(summary: Mapping[str, Any], folder: Path, *, recorded: bool) -> None:
         table.row("commands not followed", str(sum(summary["fault_ticks"].values())), ", ".join(summary["fault_ticks"]))
     table.row("trocar error, camera arm", summary["rcm_error_mm"]["camera_max"], "mm, worst")
     table.row("trocar error, tool arm", summary["rcm_error_mm"]["tool_max"], "mm, worst")
+    table.row("force at a trocar", max(summary["port_force_n"].values()), "N, worst, sideways")
+    table.row(
+        "joint limits",
+        100.0 * max(value for name, value in summary["limits"].items() if name.endswith("_share")),
+        "% used, worst",
+    )
     table.row("contact force", summary["contact_force_n"]["max"], "N, worst")
     table.row("depth error", summary["depth_mae_mm"], "mm, mean absolute")
     table.row("valid depth", 100.0 * summary["depth_valid_fraction"], "% of the pixels")

@@ -38,15 +38,16 @@ def main(arguments: Sequence[str]) -> int:
         folder.write_text("trials.csv", as_csv(rows))
         folder.write_text("trials.md", as_markdown(rows, results))
         with folder.artefact("trials.png") as path:
-            title = f"{episode.task}  |  {episode.perception}  |  {episode.motion}  |  {len(rows)} seeds"
+            title = f"{episode.task}  |  {episode.perception}  |  {episode.motion_name()}  |  {len(rows)} seeds"
             draw_trials(rows, title, path, task=episode.task)
         folder.write_summary(results, config=chosen, seed=episode.seed)
     low, high = results["success_interval_95"]
-    table = ResultTable(f"{episode.task}, {episode.perception}, {episode.motion}, {len(rows)} seeds")
+    table = ResultTable(f"{episode.task}, {episode.perception}, {episode.motion_name()}, {len(rows)} seeds")
     table.row("success", 100.0 * results["success_rate"], f"% (95 % interval {100 * low:.0f} to {100 * high:.0f} %)")
     for name, value in results["final_error_mm"].items():
         table.row(f"final target error, {name}", value, "mm")
     table.row("contact force", results["contact_force_n"]["max"], "N, worst")
+    table.row("force at a trocar", results["port_force_n"]["max"], "N, worst, sideways")
     table.row("trocar error, camera arm", results["rcm_error_mm"]["camera_max"], "mm, worst")
     table.row("trocar error, tool arm", results["rcm_error_mm"]["tool_max"], "mm, worst")
     for name, value in results["metrics"].items():

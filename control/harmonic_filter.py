@@ -80,6 +80,12 @@ class HarmonicFilter:
         self._variance_range = (noise.measurement_floor_m**2, noise.measurement_ceiling_m**2)
         self._measured_variance = float(np.clip(measurement_sigma_m**2, *self._variance_range))
         self._observation = model.look_ahead(state, 0.0).gradient
+        # Variances a second by the squared phasors and frequencies of the state.
+        self._restless_phasors = (noise.amplitude / model.order[:, None]) ** 2 * (model.rhythm[:, None] == model.rhythm)
+        self._diagonal = np.zeros(model.size)
+        self._diagonal[0] = noise.bias_m**2
+        # What the random walks add to an outlook, by the summed squares of all amplitudes.
+        self._wander = noise.phase_rad**2 + noise.amplitude**2
 
     @property
     def state(self) -> Array:
@@ -101,10 +107,15 @@ class HarmonicFilter:
         seconds = (time_ns - self.time_ns) * 1e-9
         outlook = self.model.look_ahead(self._state, seconds)
         gradient = outlook.gradient
-        variance = float(gradient @ self._covariance @ gradient)
+        variance = float(gradient @ (self._covariance @ gradient))
         # What the random walks add on the way, as if all phasors were seen in full.
-        wander = self._noise.bias_m**2 + (self._noise.phase_rad**2 + self._noise.amplitude**2) * self._power
+        phasors = self._state[self.model.parts]
+        wander = self._noise.bias_m**2 + self._wander * float(phasors @ phasors)
         return outlook, math.sqrt(max(variance, 0.0) + abs(seconds) * wander)
+
+    def value_at(self, time_ns: int) -> float:
+        """Return the value to expect at a time."""
+        return self.model.value_ahead(self._state, (time_ns - self.time_ns) * 1e-9)
 
     def advance(self, time_ns: int, *, unrest: float = 1.0) -> None:
         """Carry the state on to a later time; `unrest` multiplies the variances of all random walks."""
@@ -112,23 +123,20 @@ class HarmonicFilter:
         model, noise = self.model, self._noise
         self._state, transition = model.advance(self._state, seconds)
         covariance = transition @ self._covariance @ transition.T
-        amplitudes = model.amplitudes(self._state)
-        diagonal = np.zeros(model.size)
-        diagonal[0] = noise.bias_m**2
+        power = self._state[model.real] ** 2 + self._state[model.imaginary] ** 2
+        diagonal = self._diagonal
         diagonal[model.rates] = (noise.frequency * self._state[model.rates]) ** 2
-        phasor_variance = (noise.amplitude * amplitudes[model.rhythm] / model.order) ** 2
-        diagonal[model.real] = phasor_variance
-        diagonal[model.imaginary] = phasor_variance
-        directions = noise.phase_rad * model.phase_directions(self._state)
-        covariance += unrest * seconds * (directions.T @ directions)
-        covariance.flat[:: model.size + 1] += unrest * seconds * diagonal
+        diagonal[model.real] = diagonal[model.imaginary] = self._restless_phasors @ power
+        directions = model.phase_directions(self._state)
+        covariance += (unrest * seconds * noise.phase_rad**2) * (directions.T @ directions)
+        covariance.reshape(-1)[:: model.size + 1] += unrest * seconds * diagonal
         self._covariance = 0.5 * (covariance + covariance.T)
         self.time_ns = time_ns
 
     def innovation(self, measured: float) -> tuple[float, float]:
         """Return what a measurement made now differs from the expected, and the variance of that, noise included."""
         expected = float(self._observation @ self._state)
-        spread = float(self._observation @ self._covariance @ self._observation)
+        spread = float(self._observation @ (self._covariance @ self._observation))
         return measured - expected, spread + self._measured_variance
 
     def correct(self, measured: float) -> float:
@@ -136,9 +144,9 @@ class HarmonicFilter:
         surprise, variance = self.innovation(measured)
         gain = self._covariance @ self._observation / variance
         self._state += gain * surprise
-        self._covariance -= variance * np.multiply.outer(gain, gain)
+        self._covariance -= np.multiply.outer(variance * gain, gain)
         rates = self.model.rates
-        self._state[rates] = np.clip(self._state[rates], self._bounds[:, 0], self._bounds[:, 1])
+        self._state[rates] = np.minimum(np.maximum(self._state[rates], self._bounds[:, 0]), self._bounds[:, 1])
         self._learn_noise(surprise, variance)
         return surprise**2 / variance
 
@@ -146,10 +154,6 @@ class HarmonicFilter:
         """Move the bias by a step that is known to a standard deviation."""
         self._state[0] += step
         self._covariance[0, 0] += sigma**2
-
-    @property
-    def _power(self) -> float:
-        return float(np.sum(self.model.amplitudes(self._state) ** 2))
 
     def _learn_noise(self, surprise: float, variance: float) -> None:
         """Average the part of the squared surprise that the state's own uncertainty does not explain."""

@@ -49,17 +49,24 @@ class HarmonicModel:
         self.real = (starts[self.rhythm] + 2 * self.order - 1).astype(np.intp)
         """(n,), where the real parts of the phasors lie; the imaginary parts follow each."""
         self.imaginary = self.real + 1
+        self.parts = np.stack([self.real, self.imaginary], axis=-1).ravel()
+        """(2 n,), both of every phasor."""
         self._member = (self.rhythm[:, None] == np.arange(len(harmonics))).astype(np.float64)
-        self._owner = self.rates[self.rhythm]
+        self._leads = self.order[:, None] * self._member
+        owner = self.rates[self.rhythm]
         self._eye = np.eye(self.size)
+        # Places of the transition, as it lies in memory, that a turn by some seconds fills in.
+        rows = (self.real, self.real, self.imaginary, self.imaginary, self.real, self.imaginary)
+        columns = (self.real, self.imaginary, self.real, self.imaginary, owner, owner)
+        self._turning = np.stack([row * self.size + column for row, column in zip(rows, columns, strict=True)])
 
     def phasors(self, state: Array) -> NDArray[np.complex128]:
         """Return the phasors (n,) of a state."""
-        return np.asarray(state[self.real] + 1j * state[self.imaginary])
+        return np.asarray(state[self.parts].view(np.complex128))
 
     def angular_rates(self, state: Array) -> Array:
         """Return the rate in rad/s of every harmonic's phasor, (n,)."""
-        return np.asarray(self.order * state[self._owner])
+        return np.asarray(self._leads @ state[self.rates])
 
     def amplitudes(self, state: Array) -> Array:
         """Return the amplitude of each rhythm, (rhythms,), over all its harmonics: the root of their summed squares."""
@@ -70,40 +77,60 @@ class HarmonicModel:
         rates = self.angular_rates(state)
         turn = np.exp(1j * seconds * rates)
         turned = self.phasors(state) * turn
-        gradient = np.zeros(self.size)
+        gradient = np.empty(self.size)
         gradient[0] = 1.0
-        gradient[self.real] = turn.real
-        gradient[self.imaginary] = -turn.imag
-        gradient[self.rates] = (-seconds * self.order * turned.imag) @ self._member
-        return Outlook(
-            value=float(state[0] + turned.real.sum()), velocity=float(-(rates * turned.imag).sum()), gradient=gradient
-        )
+        gradient[self.parts] = turn.conj().view(np.float64)
+        imaginary = turned.imag
+        gradient[self.rates] = -seconds * (imaginary @ self._leads)
+        return Outlook(value=float(state[0] + turned.real.sum()), velocity=-float(rates @ imaginary), gradient=gradient)
+
+    def value_ahead(self, state: Array, seconds: float) -> float:
+        """Return the value alone at a time after (or before) the state's."""
+        turn = np.exp(1j * seconds * self.angular_rates(state))
+        return float(state[0] + (self.phasors(state) * turn).real.sum())
 
     def table(self, state: Array, seconds: Array) -> tuple[Array, Array]:
         """Return the values (m,) at many times relative to the state's, and their derivatives by the state (m, size)."""
-        turn = np.exp(1j * np.multiply.outer(seconds, self.angular_rates(state)))
+        turn = self._turns(state, seconds)
         turned = turn * self.phasors(state)
         jacobian = np.empty((len(seconds), self.size))
         jacobian[:, 0] = 1.0
-        jacobian[:, self.real] = turn.real
-        jacobian[:, self.imaginary] = -turn.imag
-        jacobian[:, self.rates] = -seconds[:, None] * ((self.order * turned.imag) @ self._member)
+        jacobian[:, self.parts] = turn.conj().view(np.float64)
+        jacobian[:, self.rates] = -seconds[:, None] * (turned.imag @ self._leads)
         return state[0] + turned.real.sum(axis=1), jacobian
+
+    def values(self, state: Array, seconds: Array) -> Array:
+        """Return the values alone, (m,), at many times relative to the state's."""
+        return np.asarray(state[0] + (self._turns(state, seconds) @ self.phasors(state)).real)
+
+    def _turns(self, state: Array, seconds: Array) -> NDArray[np.complex128]:
+        """Return by what each phasor turns in each time, (m, n): of a rhythm's first harmonic, and powers of that."""
+        turns = np.empty((len(seconds), len(self.order)), dtype=np.complex128)
+        first = np.exp(1j * np.multiply.outer(seconds, state[self.rates]))
+        column = 0
+        for rhythm, count in enumerate(self.harmonics):
+            turns[:, column] = first[:, rhythm]
+            for _ in range(1, count):
+                np.multiply(turns[:, column], first[:, rhythm], out=turns[:, column + 1])
+                column += 1
+            column += 1
+        return turns
 
     def advance(self, state: Array, seconds: float) -> tuple[Array, Array]:
         """Return the state a while later, and its derivative by the present one, (size, size)."""
         turn = np.exp(1j * seconds * self.angular_rates(state))
         turned = self.phasors(state) * turn
         later = state.copy()
-        later[self.real] = turned.real
-        later[self.imaginary] = turned.imag
+        later[self.parts] = turned.view(np.float64)
+        block = np.empty(self._turning.shape)
+        block[0] = block[3] = turn.real
+        block[2] = turn.imag
+        block[1] = -block[2]
+        lever = seconds * self.order
+        np.multiply(-lever, turned.imag, out=block[4])
+        np.multiply(lever, turned.real, out=block[5])
         transition = self._eye.copy()
-        transition[self.real, self.real] = turn.real
-        transition[self.real, self.imaginary] = -turn.imag
-        transition[self.imaginary, self.real] = turn.imag
-        transition[self.imaginary, self.imaginary] = turn.real
-        transition[self.real, self._owner] = -seconds * self.order * turned.imag
-        transition[self.imaginary, self._owner] = seconds * self.order * turned.real
+        transition.reshape(-1)[self._turning] = block
         return later, transition
 
     def phase_directions(self, state: Array) -> Array:

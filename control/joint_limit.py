@@ -31,7 +31,8 @@ class JointBoxLimit(Limit):
         self._max_speed = read_only(np.tile(max_speed, 2))
         self._max_acceleration = None if max_acceleration is None else read_only(np.tile(max_acceleration, 2))
         self._rows = read_only(np.vstack([np.eye(len(lower)), -np.eye(len(lower))]))
-        self._last_velocity = np.zeros(len(lower))
+        self._last_velocity = np.zeros(2 * len(lower))
+        self._left = np.zeros(2 * len(lower))
         self._bounds: list[tuple[str, Array]] = []
 
     def reasons(self) -> list[str]:
@@ -45,18 +46,22 @@ class JointBoxLimit(Limit):
 
     def set_last_velocity(self, velocity: Array) -> None:
         """Tell the joint velocity of the last step, (nv,), rad/s."""
-        self._last_velocity = velocity
+        joints = len(self._lower)
+        self._last_velocity[:joints] = velocity
+        self._last_velocity[joints:] = -velocity
 
     def compute_qp_inequalities(self, configuration: Configuration, dt: float) -> tuple[Array, Array]:
         """Return G (2 nv, nv) and h (2 nv,) of `G dq <= h`."""
-        left = np.maximum(np.concatenate([self._upper - configuration.q, configuration.q - self._lower]), 0.0)
+        joints, left = len(self._lower), self._left
+        left[:joints] = self._upper - configuration.q
+        left[joints:] = configuration.q - self._lower
+        np.maximum(left, 0.0, out=left)
         position, speed = _POSITION_GAIN * left, dt * self._max_speed
         bound = np.minimum(position, speed)
         self._bounds = [("position", position), ("speed", speed)]
         if self._max_acceleration is not None:
             acceleration = self._max_acceleration
-            velocity = np.concatenate([self._last_velocity, -self._last_velocity])
-            gathering = dt * (velocity + dt * acceleration)
+            gathering = dt * (self._last_velocity + dt * acceleration)
             braking = dt * np.sqrt(2.0 * acceleration * left)
             bound = np.minimum(np.minimum(bound, gathering), braking)
             self._bounds += [("acceleration", gathering), ("position", braking)]

@@ -43,6 +43,14 @@ class MotionPredictor(Protocol):
         ...
 
 
+class BackgroundWork(Protocol):
+    """What a predictor may have besides: work that is better done where a control tick has time for it."""
+
+    def work(self) -> None:
+        """Do a bounded piece of what is still to be done; nothing if there is nothing."""
+        ...
+
+
 class HeldMeasurement:
     """The predictor that does not predict: the newest measurement, as it stands."""
 
@@ -134,7 +142,8 @@ class RhythmPredictorConfig:
 class RhythmPredictor:
     """Predicts a displacement that is a bias plus respiration plus heartbeat of unknown, drifting frequencies.
 
-    A search over the last seconds goes on all the time, one slice a measurement. What it finds starts a Kalman filter on
+    A search over the last seconds goes on all the time, one slice a measurement, done by `work` in between or else with the
+    next measurement, which comes to the same. What it finds starts a Kalman filter on
     bias, frequencies and phasors, which follows drift. Later findings start a second filter on trial, which replaces the
     first if it forecasts clearly better. A measurement that surprises a trusted filter is put aside; several alike in a row
     are a step of the bias (tissue pushed, stage moved), several that do not agree end the filter. An overtaken or invalid
@@ -151,6 +160,7 @@ class RhythmPredictor:
         self._newest_ns: int | None
         self._doubtful: list[float]
         self._consistent: bool
+        self._slice_due: bool
         self.reset()
 
     def reset(self) -> None:
@@ -172,6 +182,7 @@ class RhythmPredictor:
         if self._newest_ns is not None and captured_ns <= self._newest_ns:
             return False
         first = self._newest_ns is None
+        self.work()
         self._newest_ns = captured_ns
         value = float(measured)
         for one in (self._running, self._trial):
@@ -208,7 +219,7 @@ class RhythmPredictor:
             if one is not None:
                 one.correct(value)
         if self._running is None or self._trial is None:
-            self._seek()
+            self._slice_due = True
         else:
             self._compare(self._running, self._trial)
         self._consistent = self._running is not None and self._is_consistent(self._running)
@@ -231,6 +242,7 @@ class RhythmPredictor:
             step = float(np.median(recent))
             self._window.shift(step)
             self._search.reset()
+            self._slice_due = False
             self._trial = None
             self._consistent = False
             if self._running is not None:
@@ -241,8 +253,11 @@ class RhythmPredictor:
             return True
         return False
 
-    def _seek(self) -> None:
-        """Do a slice of the search; let what it finds run, or be tried beside what runs."""
+    def work(self) -> None:
+        """Do the slice of the search that the last measurement has earned; let what it finds run, or be tried beside that."""
+        if not self._slice_due:
+            return
+        self._slice_due = False
         found = self._search.step()
         if found is None:
             return
@@ -278,3 +293,4 @@ class RhythmPredictor:
         self._doubtful = []
         self._window.clear()
         self._search.reset()
+        self._slice_due = False

@@ -9,16 +9,39 @@ shaft's body velocity (v, w) = (J_v, J_w) dq
 the first two rows of which are the Jacobian of the remote centre of motion, the third that of the inserted length's negative.
 """
 
+import math
+
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
-from pink import Configuration, Task
+from pink import Configuration, PostureTask, Task
 from pink.limits import Limit
 
 from laploop.control.robot import SHAFT_TIP, checked_vector, read_only
 from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
+
+
+class ShaftConfiguration(Configuration):
+    """A Pink configuration that takes the pose and the Jacobian of the shaft's tip out of Pinocchio once an update.
+
+    Every task and limit of a step asks for them; what they get is shared and must not be written to.
+    """
+
+    def update(self, q: Array | None = None) -> None:
+        """Run the forward kinematics at joint angles q, (nv,); at the same as before if there are none."""
+        super().update(q)
+        self._tip_pose = super().get_transform_frame_to_world(SHAFT_TIP)
+        self._tip_jacobian = super().get_frame_jacobian(SHAFT_TIP)
+
+    def get_transform_frame_to_world(self, frame: str) -> pin.SE3:
+        """Return the pose of a frame in the world."""
+        return self._tip_pose if frame == SHAFT_TIP else super().get_transform_frame_to_world(frame)
+
+    def get_frame_jacobian(self, frame: str) -> Array:
+        """Return the Jacobian (6, nv) of a frame's body velocity."""
+        return self._tip_jacobian if frame == SHAFT_TIP else np.asarray(super().get_frame_jacobian(frame))
 
 
 def trocar_in_shaft(configuration: Configuration, trocar_in_world: Array) -> Array:
@@ -68,7 +91,7 @@ class RcmTask(Task):
         """Return the offset, (2,), cut to the length that one step may work on."""
         offset = self.offset(configuration)
         longest = self.max_correction_m / self.gain
-        return offset * min(1.0, longest / max(float(np.hypot(offset[0], offset[1])), 1e-12))
+        return offset * min(1.0, longest / max(math.hypot(offset[0], offset[1]), 1e-12))
 
     def compute_jacobian(self, configuration: Configuration) -> Array:
         """Return the derivative of the offset, (2, nv)."""
@@ -100,9 +123,46 @@ class TipPositionTask(Task):
         rotation = configuration.get_transform_frame_to_world(SHAFT_TIP).rotation
         return np.array(rotation @ configuration.get_frame_jacobian(SHAFT_TIP)[:3])
 
+    def compute_qp_objective(self, configuration: Configuration) -> tuple[Array, Array]:
+        """Return what Pink's generic path does, with the one weight of all rows taken out of the products."""
+        weight = float(np.asarray(self.cost, dtype=np.float64)) ** 2
+        jacobian = self.compute_jacobian(configuration)
+        return weight * (jacobian.T @ jacobian), weight * (self.compute_error(configuration) @ jacobian)
+
     def __repr__(self) -> str:
         """Show the target."""
         return f"TipPositionTask(target_in_world={self.target_in_world.tolist()}, cost={self.cost})"
+
+
+class TipFrameTask(TipPositionTask):
+    """The translation of Pink's frame task towards a pose that is turned as the shaft is, in closed form.
+
+    With the way `d = R^T (x_t - x)` to the target in the shaft's frame, the logarithm of the pose between is (d, 0) and the
+    upper rows of its derivative are (1, -skew(d) / 2).
+    """
+
+    def compute_error(self, configuration: Configuration) -> Array:
+        """Return the way from the tip to the target in the shaft's frame, (3,)."""
+        return np.array(configuration.get_transform_frame_to_world(SHAFT_TIP).actInv(self.target_in_world))
+
+    def compute_jacobian(self, configuration: Configuration) -> Array:
+        """Return its derivative, (3, nv), as a frame task has it."""
+        jacobian = configuration.get_frame_jacobian(SHAFT_TIP)
+        return np.array(pin.skew(0.5 * self.compute_error(configuration)) @ jacobian[3:] - jacobian[:3])
+
+
+class JointPostureTask(PostureTask):
+    """Pink's posture task for joints that simply add up, with a diagonal that is made once."""
+
+    def __init__(self, cost_per_rad: float, gain: float, joints: int) -> None:
+        """Take weight, share of the error that a step asks for, and the number of joints."""
+        super().__init__(cost=cost_per_rad, gain=gain)
+        self._weight = cost_per_rad**2
+        self._hessian = read_only(self._weight * np.eye(joints))
+
+    def compute_qp_objective(self, configuration: Configuration) -> tuple[Array, Array]:
+        """Return what Pink's generic path does."""
+        return self._hessian, (self._weight * self.gain) * (configuration.q - self.target_q)
 
 
 class InsertionLimit(Limit):

@@ -7,13 +7,21 @@ from enum import StrEnum
 import numpy as np
 import qpsolvers
 from numpy.typing import ArrayLike, NDArray
-from pink import Configuration, FrameTask, PostureTask, build_ik
+from pink import build_ik
 from pink.limits import Limit
 
 from laploop.assets.shafts import Shaft
 from laploop.control.clearance_limits import ShaftClearanceLimit, WallLimit
 from laploop.control.joint_limit import JointBoxLimit
-from laploop.control.rcm import InsertionLimit, RcmTask, TipPositionTask, trocar_in_shaft
+from laploop.control.rcm import (
+    InsertionLimit,
+    JointPostureTask,
+    RcmTask,
+    ShaftConfiguration,
+    TipFrameTask,
+    TipPositionTask,
+    trocar_in_shaft,
+)
 from laploop.control.robot import SHAFT_TIP, ArmModel, checked_vector, read_only
 from laploop.errors import InfeasibleError, InvalidValueError
 
@@ -137,10 +145,10 @@ class RcmController:
         max_insertion = config.max_insertion_m if config.max_insertion_m is not None else arm.shaft.length_m - 0.05
         # Pink hangs attributes on the model that it is given, so it gets one of its own.
         model = arm.model.copy()
-        self._configuration = Configuration(model, model.createData(), np.zeros(model.nq))
-        self._tip_task = FrameTask(SHAFT_TIP, position_cost=config.tip_cost_per_m, orientation_cost=0.0)
+        self._configuration = ShaftConfiguration(model, model.createData(), np.zeros(model.nq))
+        self._tip_task = TipFrameTask(config.tip_cost_per_m)
         self._held_back_task = TipPositionTask(config.tip_cost_per_m)
-        self._posture_task = PostureTask(cost=config.posture_cost_per_rad, gain=config.posture_gain)
+        self._posture_task = JointPostureTask(config.posture_cost_per_rad, config.posture_gain, model.nv)
         speed = np.minimum(arm.max_joint_speed, config.max_joint_speed_radps)
         acceleration = np.full(model.nv, config.max_joint_acceleration_radps2)
         insertion = InsertionLimit(trocar_in_world, min_m=config.min_insertion_m, max_m=max_insertion)
@@ -284,17 +292,14 @@ class RcmController:
             dt: Control period in seconds.
             limits: Inequalities to keep; all of the controller's when left out.
         """
-        target = self._configuration.get_transform_frame_to_world(SHAFT_TIP)
-        target.translation = tip_reference_in_world
-        self._tip_task.set_target(target)
         self._joint_limit.set_last_velocity(self._qdot)
         self._trocar_task.max_correction_m = self._config.max_rcm_correction_mps * dt
-        self._held_back_task.target_in_world = np.array(tip_reference_in_world)
         # A way that limits refuse is long, and a frame task would have the shaft roll to turn that way in the tip's frame.
-        held_back = self._status is RcmStatus.LIMITED
+        tip_task = self._held_back_task if self._status is RcmStatus.LIMITED else self._tip_task
+        tip_task.target_in_world = np.array(tip_reference_in_world)
         return build_ik(
             self._configuration,
-            [self._held_back_task if held_back else self._tip_task, self._posture_task],
+            [tip_task, self._posture_task],
             dt,
             limits=self._limits if limits is None else limits,
             constraints=[self._trocar_task],
@@ -313,7 +318,7 @@ class RcmController:
         self._reason = ""
         tip = self._tip_in_world()
         ahead = reference - tip
-        distance = float(np.linalg.norm(ahead))
+        distance = math.sqrt(ahead @ ahead)
         if distance > self._config.max_lag_m:
             ahead *= self._config.max_lag_m / distance
             self._status = RcmStatus.LIMITED
@@ -335,10 +340,10 @@ class RcmController:
         self._tip_reference = self._tip_in_world()
 
     def _limited(self, wanted: Array, before: Array, dt: float) -> Array:
-        speed = float(np.linalg.norm(wanted))
+        speed = math.sqrt(wanted @ wanted)
         wanted = wanted * min(1.0, self._config.max_tip_speed_mps / max(speed, 1e-12))
         change = wanted - before
-        size = float(np.linalg.norm(change))
+        size = math.sqrt(change @ change)
         return before + change * min(1.0, self._config.max_tip_acceleration_mps2 * dt / max(size, 1e-12))
 
     def _tip_in_world(self) -> Array:

@@ -231,9 +231,10 @@ def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, valu
     variance = 1e-6
     linear = np.ones(model.size, dtype=bool)
     linear[model.rates] = False
-    jacobian = model.table(state, seconds)[1]
-    normal = jacobian[:, linear].T @ jacobian[:, linear] + np.diag(precision[linear] * variance)
-    state[linear] = np.linalg.solve(normal, jacobian[:, linear].T @ values)
+    # The derivatives by bias and phasors are what these are multiplied with, whatever they are.
+    basis = model.table(state, seconds)[1][:, linear]
+    normal = basis.T @ basis + np.diag(precision[linear] * variance)
+    state[linear] = np.linalg.solve(normal, basis.T @ values)
     fitted, jacobian = model.table(state, seconds)
     normal = jacobian.T @ jacobian
     step = np.linalg.solve(
@@ -242,7 +243,7 @@ def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, valu
     low, high = (np.array([band.bounds_rad_s()[side] for band, _ in rhythms]) for side in (0, 1))
     state = state + step
     state[model.rates] = np.clip(state[model.rates], low, high)
-    fitted, _ = model.table(state, seconds)
+    fitted = model.values(state, seconds)
     left = values - fitted
     power = float(left @ left)
     noise = max(power / max(len(values) - model.size, 1), _LEAST_NOISE_M**2)

@@ -9,11 +9,18 @@ from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
 
+_SMOOTHING_M = 0.002
+"""Standard deviation of the window along the path over which normals are averaged; less than the bends of bowel."""
+
+_EXPECTED_SPREAD_M = 1e-4
+"""Of points from a good fit: a place with a larger one says less than its neighbours."""
+
 
 class ScanPath:
     """Points and normals along a line on the surface, by arc length, in the camera's frame of the frame that showed them.
 
-    Each place is a robust fit of its own; normals are smoothed over their neighbours, which have noise of their own.
+    Each place is a robust fit of its own. Normals are averaged along the path, those of bad fits counting less: where depth
+    is bent away from the surface, it is also rough.
     """
 
     def __init__(self, patches: list[SurfacePatch]) -> None:
@@ -26,10 +33,12 @@ class ScanPath:
             raise InvalidValueError("places of the path on the surface", len(patches), "2 or more")
         self._points = np.array([patch.point for patch in patches])
         normals = np.array([patch.normal for patch in patches])
-        padded = np.concatenate([normals[:1], normals, normals[-1:]])
-        self._normals = 0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:]
+        spreads = np.array([patch.spread_m for patch in patches])
         steps = np.linalg.norm(np.diff(self._points, axis=0), axis=1)
         self._along = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-6))])
+        apart = (self._along[:, None] - self._along) / _SMOOTHING_M
+        weights = np.exp(-0.5 * apart**2) / (spreads**2 + _EXPECTED_SPREAD_M**2)
+        self._normals = (weights @ normals) / weights.sum(axis=1, keepdims=True)
 
     @property
     def length_m(self) -> float:

@@ -1,6 +1,8 @@
 """From a chosen pixel and depth frames to a point of the tissue, its normal and its motion."""
 
+import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
@@ -119,15 +121,17 @@ class Targeting:
             rig: The camera and its projector.
             config: Sizes, and how the age of the depth is bridged.
             predictor: Used in place of the one that `config.prediction` names; believed where it says that it is trusted.
+                If it has `work` as `motion_predictor.BackgroundWork` says, that is called in ticks without anything new.
         """
         self._rig = rig
         self._config = config = config or TargetingConfig()
         self._eyes = np.array([[0.0, 0.0, 0.0], [rig.baseline_m, 0.0, 0.0]])
-        self._last_corner = np.array([rig.camera.width - 1.0, rig.camera.height - 1.0])
-        self._neighbours = np.array([0, 1, rig.camera.width, rig.camera.width + 1])
+        self._last_corner = np.array([[rig.camera.width - 1.0], [rig.camera.height - 1.0]])
+        self._neighbours = np.array([[0], [1], [rig.camera.width], [rig.camera.width + 1]])
         if predictor is None and config.prediction == "rhythms":
             predictor = RhythmPredictor(config.rhythms)
         self._predictor = predictor
+        self._work: Callable[[], None] | None = getattr(predictor, "work", None)
         self._tracker_config = config.tracker
         if config.prediction == "none":
             self._tracker_config = replace(config.tracker, alpha=1.0, beta=0.0, max_extrapolation_s=0.0)
@@ -158,8 +162,13 @@ class Targeting:
         if np.isfinite(state.tip_in_camera).all():
             self._poses.append((state.now_ns, state.tip_in_camera))
         frame = state.depth
-        self._teach_predictor()
-        if frame is not None and frame.captured_ns > self._newest_ns:
+        new = frame is not None and frame.captured_ns > self._newest_ns
+        # One heavy thing a tick where frames come seldom enough: to measure, to learn from it, to work in the background.
+        if self._untold is not None:
+            self._teach_predictor()
+        elif self._work is not None and not new:
+            self._work()
+        if frame is not None and new:
             self._newest_ns = frame.captured_ns
             if self._patch is None:
                 self._adopt(frame, state)
@@ -167,9 +176,10 @@ class Targeting:
                 self._follow(frame, state)
         if self._patch is None:
             return None
-        moved, _, predicted = self._motion(state.now_ns)
+        moved, rate, predicted = self._motion(state.now_ns)
         effective_ns = state.now_ns + state.lead_ns
-        _, rate, _ = self._motion(effective_ns)
+        if effective_ns != state.now_ns:
+            _, rate, _ = self._motion(effective_ns)
         across = [one.displacement_at(state.now_ns) for one in self._sideways]
         across_rate = [one.rate_at(effective_ns) for one in self._sideways]
         target = Target(
@@ -186,7 +196,7 @@ class Targeting:
         """Return displacement and rate along the reference's optical axis, and whether they are a trusted prediction."""
         if self._predictor is not None:
             prediction = self._predictor.predict(time_ns)
-            if prediction.trusted and np.isfinite([prediction.value, prediction.velocity]).all():
+            if prediction.trusted and math.isfinite(prediction.value) and math.isfinite(prediction.velocity):
                 return prediction.value, prediction.velocity, True
         return self._tracker.displacement_at(time_ns), self._tracker.rate_at(time_ns), False
 
@@ -290,13 +300,14 @@ class Targeting:
             camera_from_reference = invert_transform(frame.world_from_camera) @ self._world_from_reference
             axis = camera_from_reference[:3, :3] @ axis
             points = transform_points(camera_from_reference, points)
-        points = points[~self._hidden(points, frame.captured_ns, state)]
+        points = points[~self._hidden(points, frame.captured_ns, state)].T.copy()
         for _ in range(self._config.iterations):
             measured, seen = self._sample(frame, points)
-            if np.count_nonzero(seen) < self._config.min_track_points:
+            missing = (measured - points[2])[seen]
+            if missing.size < self._config.min_track_points:
                 return None
-            correction = float(np.median(measured[seen] - points[seen, 2])) / float(axis[2])
-            points += correction * axis
+            correction = _median(missing) / float(axis[2])
+            points += (correction * axis)[:, None]
             displacement += correction
         return displacement
 
@@ -326,18 +337,30 @@ class Targeting:
         return depth_mm[valid].astype(np.float64) * 1e-3, camera.rays[rows, columns][valid]
 
     def _sample(self, frame: DepthFrame, points: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the depth in metres, (n,), that a frame shows where the points appear, and where that is known.
+        """Return the depth in metres, (n,), that a frame shows where points (3, n) appear, and where that is known.
 
         Values between pixel centres are bilinear; all four neighbours must be valid.
         """
         camera = self._rig.camera
-        pixels = camera.project(points) - 0.5
-        inside = ((pixels >= 0.0) & (pixels < self._last_corner)).all(axis=1)
-        pixels[~inside] = 0.0
+        x, y, z = points
+        pixels = np.stack([camera.fx * x / z + (camera.cx - 0.5), camera.fy * y / z + (camera.cy - 0.5)])
+        inside = np.logical_and.reduce((pixels >= 0.0) & (pixels < self._last_corner))
+        pixels = np.where(inside, pixels, 0.0)
         corner = pixels.astype(np.intp)
-        right, down = (pixels - corner).T
-        neighbours = (corner[:, 1] * camera.width + corner[:, 0])[:, None] + self._neighbours
-        weights = np.stack([(1.0 - right) * (1.0 - down), right * (1.0 - down), (1.0 - right) * down, right * down], axis=-1)
-        depth_mm = np.einsum("ni,ni->n", weights, frame.estimate.depth_mm.take(neighbours))
-        known = inside & np.isfinite(depth_mm) & frame.estimate.valid.take(neighbours).all(axis=1)
-        return depth_mm * 1e-3, known
+        right, down = pixels - corner
+        neighbours = corner[1] * camera.width + corner[0] + self._neighbours
+        depth_m = 1e-3 * frame.estimate.depth_mm.take(neighbours).astype(np.float64)
+        with np.errstate(invalid="ignore"):  # of depths that are infinite
+            upper = depth_m[0] + right * (depth_m[1] - depth_m[0])
+            lower = depth_m[2] + right * (depth_m[3] - depth_m[2])
+            measured = upper + down * (lower - upper)
+        return measured, inside & np.isfinite(measured) & np.logical_and.reduce(frame.estimate.valid.take(neighbours))
+
+
+def _median(values: Array) -> float:
+    """Return the median of finite numbers, (n,); numpy's own takes several times as long for so few."""
+    middle = len(values) // 2
+    if len(values) % 2:
+        return float(np.partition(values, middle)[middle])
+    ordered = np.partition(values, (middle - 1, middle))
+    return 0.5 * float(ordered[middle - 1] + ordered[middle])

@@ -15,8 +15,8 @@ Array = NDArray[np.float64]
 _STEADY = 0.4
 """Gain times delay that a late loop may have."""
 
-_STIFFEST_N_PER_M = 400.0
-"""Under a small ball; the phantom has 100 to 300."""
+_STIFFEST_N_PER_M = 300.0
+"""Under a small ball; the phantom has 100 to 300. Softer tissue answers more slowly, never with ringing."""
 
 
 class Leg(StrEnum):

@@ -2,9 +2,8 @@
 
 import math
 from collections import deque
+from collections.abc import Collection
 from dataclasses import dataclass
-
-import numpy as np
 
 from laploop.control.harmonic_filter import HarmonicFilter
 
@@ -49,22 +48,21 @@ class TrackRecord:
     @property
     def mean_nis(self) -> float:
         """Mean normalised innovation squared; 1 for a filter that is right about itself."""
-        return float(np.mean(self._nis)) if self._nis else math.inf
+        return _mean(self._nis)
 
     @property
     def forecast_variance(self) -> float:
         """Mean squared error of the forecasts in square metres, the measurement's noise included."""
-        return float(np.mean(self._forecast_squares)) if self._forecast_squares else math.inf
+        return _mean(self._forecast_squares)
 
     def recent_forecast_variance(self, count: int) -> float:
         """Return the mean squared error of the last so many forecasts."""
-        recent = list(self._forecast_squares)[-count:]
-        return float(np.mean(recent)) if recent else math.inf
+        return _mean(list(self._forecast_squares)[-count:])
 
     @property
     def held_variance(self) -> float:
         """The same of holding the newest measurement; its noise counts twice."""
-        return float(np.mean(self._held_squares)) if self._held_squares else math.inf
+        return _mean(self._held_squares)
 
     def advance(self, time_ns: int) -> None:
         """Carry the filter on to a later time, the more freely the more it has been surprised lately.
@@ -92,7 +90,7 @@ class TrackRecord:
         self._surprise += (nis - self._surprise) / _SURPRISE_MEMORY
         self._last = now_ns, measured
         due_ns = now_ns + self._horizon_ns
-        self._pending.append(_Forecast(due_ns=due_ns, value=self.filter.outlook(due_ns)[0].value, held=measured))
+        self._pending.append(_Forecast(due_ns=due_ns, value=self.filter.value_at(due_ns), held=measured))
 
     def shift(self, step: float, sigma: float) -> None:
         """Move the bias by a step known to a standard deviation; what was recorded before it says nothing any more."""
@@ -102,3 +100,8 @@ class TrackRecord:
             record.clear()
         self._last = None
         self._surprise = 1.0
+
+
+def _mean(squares: Collection[float]) -> float:
+    """Return the mean, infinite of nothing."""
+    return math.fsum(squares) / len(squares) if squares else math.inf

@@ -15,6 +15,8 @@ from laploop.envs.clock_rates import ClockRates
 from laploop.envs.faults import Fault, FaultInjector
 from laploop.envs.kinematic_errors import KinematicErrors
 from laploop.envs.latency import ConstantLatency, LatencyModel
+from laploop.envs.marker_view import visible_pixel
+from laploop.envs.motion_watch import MotionWatch
 from laploop.envs.perception_server import CapturedFrame, PerceptionServer, ServedFrame
 from laploop.envs.proprioception import Proprioception, ProprioceptionConfig, ProprioceptiveReading
 from laploop.envs.recorder import DepthRecord, FrameRecord, NullRecorder, Recorder
@@ -24,6 +26,7 @@ from laploop.envs.sensors.stripe_optics import StripeOptics
 from laploop.envs.stage_timer import StageTimer
 from laploop.envs.theatre import Theatre
 from laploop.envs.theatre_config import TheatreConfig
+from laploop.envs.trocar import TrocarConfig
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
@@ -33,9 +36,6 @@ Array = NDArray[np.float64]
 
 MAX_WAIT_NS = 10_000_000_000
 """How long a reset waits for the first depth frame."""
-
-COVERED_MM = 3.0
-"""A point so far behind what its pixel shows is not seen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +53,8 @@ class LoopConfig:
     rcm: RcmControllerConfig = field(default_factory=RcmControllerConfig)
     actuation: ActuationConfig = field(default_factory=ActuationConfig)
     """How both arms follow their joint targets."""
+    trocar: TrocarConfig = field(default_factory=TrocarConfig)
+    """What wall and seal do to both shafts."""
     kinematic_errors: KinematicErrors = field(default_factory=KinematicErrors)
     """What each arm's kinematics and the hand-eye calibration get wrong, drawn anew in every episode."""
     faults: tuple[Fault, ...] = ()
@@ -134,6 +136,7 @@ class ClosedLoop:
         self._tool_controller = self._controller(self.tool)
         self._scope_controller = self._controller(self.scope) if self._moves_scope else None
         self._injector = FaultInjector(self.config.faults)
+        self._out_of_reach = ""
         self._camera = StripeCamera(self.rig, self.config.stripes, device=self.config.device)
         self._camera.attach(self.theatre.model, rng=texture_rng)
         self._server = PerceptionServer(self.estimator, self.config.latency, latency_rng)
@@ -142,7 +145,11 @@ class ClosedLoop:
         )
         self._proprioception.reset(np.random.RandomState(corruption_rng.integers(2**32)))
         self.frame_count = 0
+        models = {"camera": self.scope.model, "tool": self.tool.model}
+        self.watch = MotionWatch(self.theatre, models, self.config.rcm, rates.control_s)
         self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
+        self.max_port_force_n = {"camera": 0.0, "tool": 0.0}
+        self.max_port_friction_n = {"camera": 0.0, "tool": 0.0}
         self.max_force_n = self.mean_force_n = 0.0
         self.first_captured: CapturedFrame | None = None
         self.newest_captured: CapturedFrame | None = None
@@ -177,14 +184,24 @@ class ClosedLoop:
             rotation = self.scope.world_from_camera()[:3, :3]
             # Each shaft keeps clear of the other, from where that one's robot believes it to be.
             self._tool_controller.set_other_shaft(self.scope.tip_pose_in_world(), self.scope.model.shaft)
-            self.tool.command(*self._tool_controller.step(rotation @ tip_velocity_in_camera, rates.control_s))
+            wanted = rotation @ tip_velocity_in_camera
+            if self._scope_controller is None:
+                wanted = self._within_reach(self.tool, self._tool_controller, wanted)
+            q, qdot = self._tool_controller.step(wanted, rates.control_s)
+            self.tool.command(q, qdot)
+            self.watch.commanded("tool", qdot)
             if self._scope_controller is not None:
                 self._scope_controller.set_other_shaft(self.tool.tip_pose_in_world(), self.tool.model.shaft)
-                wanted = np.zeros(3) if scope_velocity_in_camera is None else rotation @ scope_velocity_in_camera
-                self.scope.command(*self._scope_controller.step(wanted, rates.control_s))
+                asked = np.zeros(3) if scope_velocity_in_camera is None else rotation @ scope_velocity_in_camera
+                wanted = self._within_reach(self.scope, self._scope_controller, asked)
+                q, qdot = self._scope_controller.step(wanted, rates.control_s)
+                self.scope.command(q, qdot)
+                self.watch.commanded("camera", qdot)
         self.timer.complete("control")
         self._proprioception.before_control_period()
         self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
+        self.max_port_force_n = {"camera": 0.0, "tool": 0.0}
+        self.max_port_friction_n = {"camera": 0.0, "tool": 0.0}
         self.max_force_n = self.mean_force_n = 0.0
         served: list[ServedFrame] = []
         for remaining in reversed(range(rates.physics_steps_per_control)):
@@ -197,6 +214,9 @@ class ClosedLoop:
             self._proprioception.after_physics_step()
             for name, arm in (("camera", self.theatre.camera_arm), ("tool", self.theatre.tool_arm)):
                 self.max_rcm_error_m[name] = max(self.max_rcm_error_m[name], self.theatre.rcm_error_m(arm))
+                self.max_port_force_n[name] = max(self.max_port_force_n[name], self.theatre.port_force_n(arm))
+                self.max_port_friction_n[name] = max(self.max_port_friction_n[name], self.theatre.port_friction_n(arm))
+            self.watch.stepped()
             force = float(np.linalg.norm(self.theatre.contact_force_in_world()))
             self.max_force_n = max(self.max_force_n, force)
             self.mean_force_n += force / rates.physics_steps_per_control
@@ -217,17 +237,18 @@ class ClosedLoop:
     @property
     def tool_status(self) -> RcmStatus:
         """What became of the last step of the tool arm."""
-        return self._tool_controller.last_status
+        return self._status(self._tool_controller)
 
     @property
     def scope_status(self) -> RcmStatus | None:
         """What became of the last step of the camera arm; None where it stands still."""
-        return None if self._scope_controller is None else self._scope_controller.last_status
+        return None if self._scope_controller is None else self._status(self._scope_controller)
 
     @property
     def status_reason(self) -> str:
         """What kept the last step of the moved arm from going as asked; empty while it goes as asked."""
-        return (self._scope_controller or self._tool_controller).last_reason
+        reasons = self._out_of_reach, (self._scope_controller or self._tool_controller).last_reason
+        return ", ".join(filter(None, reasons))
 
     @property
     def scope_insertion_m(self) -> float:
@@ -288,6 +309,16 @@ class ClosedLoop:
         controller = RcmController(arm.model, arm.trocar_in_world, self.config.rcm)
         controller.reset(arm.home_q)
         return controller
+
+    def _within_reach(self, arm: BelievedArm, controller: RcmController, wanted: Array) -> Array:
+        """Return the velocity of the moved arm's tip, (3,) m/s in the world, that faults leave possible."""
+        period_s, axis = self.config.rates.control_s, arm.shaft_axis_in_world()
+        velocity, self._out_of_reach = self._injector.velocity(wanted, axis, controller.insertion_m, period_s, self.now_ns)
+        return velocity
+
+    def _status(self, controller: RcmController) -> RcmStatus:
+        limited = self._out_of_reach and controller.last_status is RcmStatus.TRACKING
+        return RcmStatus.LIMITED if limited else controller.last_status
 
     def _capture_if_due(self) -> None:
         now_ns = self.now_ns
@@ -351,19 +382,5 @@ class ClosedLoop:
     def _mark(self, captured: CapturedFrame | None) -> None:
         """Remember where the target appears in a frame that was captured just now."""
         if captured is not None and self._locate_target is not None:
-            self._markers[captured.frame.index] = self._visible_pixel(captured, self._locate_target())
-
-    def _visible_pixel(self, captured: CapturedFrame, point_in_world: Array) -> Array | None:
-        """Return where a point of the tissue appears in a frame, (2,), or None where it is out of view or covered."""
-        camera = self.rig.camera
-        point = transform_points(invert_transform(self.theatre.world_from_camera()), point_in_world)
-        if point[2] <= 0.0:
-            return None
-        pixel = camera.project(point)
-        column, row = int(np.floor(pixel[0])), int(np.floor(pixel[1]))
-        if not (0 <= column < camera.width and 0 <= row < camera.height):
-            return None
-        # Deeper than what the pixel shows by more than the tissue's slope explains: something is in front of it.
-        covered = captured.truth.object_id[row, column] != ObjectId.TISSUE
-        covered = covered or point[2] * 1e3 - float(captured.truth.depth_mm[row, column]) > COVERED_MM
-        return None if covered else pixel
+            place, point = self.theatre.world_from_camera(), self._locate_target()
+            self._markers[captured.frame.index] = visible_pixel(captured, point, place, self.rig.camera)

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, cast, get_args
 
 import numpy as np
 
@@ -13,20 +13,27 @@ from laploop.assets.phantom import TissueConfig
 from laploop.assets.phantom_mesh import load_phantom
 from laploop.control.messages import TipController
 from laploop.control.scripted import make_controller
+from laploop.control.targeting import PredictionName
 from laploop.envs.actuation import ActuationConfig, ActuationName
 from laploop.envs.base_motion import BaseMotion, MotionName
 from laploop.envs.closed_loop import LoopConfig
 from laploop.envs.latency import ConstantLatency, LatencyModel, TraceLatency
 from laploop.envs.recorder import Recorder
+from laploop.envs.sensors.optics_presets import PRESETS, optics_preset
 from laploop.envs.task_config import TaskConfig
 from laploop.envs.task_env import TaskEnv
 from laploop.envs.tasks import TASKS, task_environment
+from laploop.envs.trocar import TrocarConfig, TrocarName
 from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.perception.estimators.base import DepthEstimator
-from laploop.perception.estimators.registry import estimator_names
+from laploop.perception.estimators.registry import estimator_names, make_estimator
+from laploop.perception.geometry import Rig
 
 HOLDING_TASKS = ("reach", "palpate")
 """Tasks that end as a success once something was held for long enough."""
+
+_MOVING_TASKS = {"track": "both", "look": "breathing"}
+"""Tasks that are about motion, and how their environments' tissue moves by default; that of the others is still."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,8 +45,13 @@ class EpisodeConfig:
     with 0.5 N), scan (follow a line drawn in the first frame), look (keep a point in the middle of the view)."""
     perception: str = "compact"
     """Depth estimator: compact (network), phase (classical demodulation), oracle (exact depth)."""
-    motion: str = "still"
-    """How the tissue moves: still, breathing (10 mm, 0.25 Hz), beating (1 mm, 1.2 Hz), or both."""
+    weights: Path | None = None
+    """Weights file (.safetensors) of a network, in place of the shipped one."""
+    optics: str = "paper"
+    """Light, surfaces and sensor: paper (the laparoscope that the simulator follows), ideal, worst."""
+    motion: str | None = None
+    """How the tissue moves: still, breathing (10 mm, 0.25 Hz), beating (1 mm, 1.2 Hz), or both. By default the task's own: both
+    for track, breathing for look, still for the others."""
     seed: int = 0
     """Decides the tissue, the target and all noise."""
     seconds: float | None = None
@@ -49,10 +61,18 @@ class EpisodeConfig:
     default 0.3 s), within 0.1 N of 0.5 N for 95 % of the time for palpate (3 s)."""
     actuation: str = "ideal"
     """How the arms follow their joint targets: ideal, ur5-cb (125 Hz, 35 ms delay, 30 ms lag), ur5-e (500 Hz, 34 and 20 ms)."""
+    trocar: str = "lubricated"
+    """What the wall and the seal of each trocar do to the shaft: lubricated (2 N/mm, 0.75 N of friction), dry (8 N), none."""
     perception_latency_ns: int = 40_000_000
     """From the capture of a frame to the arrival of its depth, in nanoseconds of simulated time."""
     latency_trace: Path | None = None
     """CSV file with a column latency_ms, as `laploop speed` writes it, replayed in place of the constant latency."""
+    transfer_latency_ns: int = 0
+    """From the capture of a frame to its arrival at the estimator, in nanoseconds; comes on top of the perception latency, but
+    does not keep the estimator busy."""
+    prediction: str | None = None
+    """How the scripted controller bridges the age of the depth: none (holds the newest measurement), rate (goes on at the rate
+    seen last), rhythms (learns breathing and heartbeat). By default rate for reach, rhythms for the others."""
     phantom: Path | None = None
     """Closed surface to be the tissue instead of a seeded one: .stl, .obj or .ply, millimetres, z up, 20-200 mm a side."""
 
@@ -68,8 +88,11 @@ class EpisodeConfig:
             ("perception", self.perception, estimator_names()),
             ("motion", self.motion, get_args(MotionName)),
             ("actuation", self.actuation, get_args(ActuationName)),
+            ("trocar", self.trocar, get_args(TrocarName)),
+            ("optics", self.optics, PRESETS),
+            ("prediction", self.prediction, get_args(PredictionName)),
         ):
-            if name not in available:
+            if name is not None and name not in available:
                 raise UnknownNameError(kind, name, available)
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or not 0 <= self.seed < 2**31:
             raise InvalidValueError("seed", self.seed, "an integer from 0 to 2**31 - 1")
@@ -79,8 +102,13 @@ class EpisodeConfig:
             raise InvalidValueError("hold_s", self.hold_s, "above 0, at most 3600")
         if self.hold_s is not None and self.task not in HOLDING_TASKS:
             raise InvalidValueError("hold_s", self.hold_s, f"only with the tasks {' and '.join(HOLDING_TASKS)}")
-        if not 0 <= self.perception_latency_ns <= 5_000_000_000:
-            raise InvalidValueError("perception_latency_ns", self.perception_latency_ns, "0 to 5e9 (5 s)")
+        for name in ("perception_latency_ns", "transfer_latency_ns"):
+            if not 0 <= getattr(self, name) <= 5_000_000_000:
+                raise InvalidValueError(name, getattr(self, name), "0 to 5e9 (5 s)")
+
+    def motion_name(self) -> str:
+        """Return how the tissue moves."""
+        return _MOVING_TASKS.get(self.task, "still") if self.motion is None else self.motion
 
     def duration_s(self) -> float:
         """Return the simulated time after which the episode ends."""
@@ -98,8 +126,14 @@ class EpisodeConfig:
         return replace(
             default,
             tissue=TissueConfig(solid=None if self.phantom is None else load_phantom(self.phantom)),
-            motion=BaseMotion.named(self.motion),
-            loop=LoopConfig(latency=self._latency(), actuation=ActuationConfig.named(self.actuation)),
+            motion=BaseMotion.named(self.motion_name()),
+            loop=LoopConfig(
+                latency=self._latency(),
+                transfer_ns=self.transfer_latency_ns,
+                stripes=optics_preset(self.optics),
+                actuation=ActuationConfig.named(self.actuation),
+                trocar=TrocarConfig.named(self.trocar),
+            ),
             max_seconds=self.duration_s(),
             # A controller that fails must not bring the arm's loop down.
             bad_action="hold",
@@ -129,12 +163,19 @@ def run_episode(
         controller: Used instead of the scripted one. A command that is not finite makes the arm hold for that period.
 
     Returns:
-        The summary: outcome, errors, forces, ages of depth, and the wall-clock time of each stage.
+        The summary: outcome, errors, forces, limits, ages of depth, and the wall-clock time of each stage.
+
+    Raises:
+        MissingFileError: If the file of the weights does not exist.
+        WeightsError: If it is damaged, or made for another network.
+        InvalidValueError: If the estimator has no weights.
     """
-    environment = task_environment(config.task)
-    env = environment(config.task_config(), perception=estimator or config.perception, recorder=recorder)
+    task_config = config.task_config()
+    estimator = estimator or make_estimator(config.perception, Rig.from_optics(task_config.loop.scope), config.weights)
+    env = task_environment(config.task)(task_config, perception=estimator, recorder=recorder)
     try:
-        controller = controller or make_controller(config.task, env.loop.rig)
+        prediction = cast("PredictionName | None", config.prediction)
+        controller = controller or make_controller(config.task, env.loop.rig, prediction)
         controller.reset()
         _, info = env.reset(seed=config.seed)
         infos: list[dict[str, Any]] = []
@@ -164,7 +205,7 @@ def _summary(config: EpisodeConfig, env: TaskEnv[Any], infos: list[dict[str, Any
     return {
         "task": config.task,
         "perception": config.perception,
-        "motion": config.motion,
+        "motion": config.motion_name(),
         "actuation": config.actuation,
         "success": last["success"],
         "terminated_by": last["terminated_by"],
@@ -182,7 +223,9 @@ def _summary(config: EpisodeConfig, env: TaskEnv[Any], infos: list[dict[str, Any
         "status_ticks": dict(Counter(info["status"] for info in infos)),
         "fault_ticks": dict(Counter(info["fault"] for info in infos if info["fault"] is not None)),
         "rcm_error_mm": {f"{arm}_max": max(info["rcm_error_mm"][arm] for info in infos) for arm in ("camera", "tool")},
+        "port_force_n": {f"{arm}_max": max(info["port_force_n"][arm] for info in infos) for arm in ("camera", "tool")},
         "contact_force_n": {"max": max(info["contact_force_n"] for info in infos)},
+        "limits": env.loop.watch.worst.as_dict(),
         "depth_mae_mm": float(np.nanmean([info["depth_mae_mm"] for info in infos])),
         "depth_valid_fraction": float(np.mean([info["depth_valid_fraction"] for info in infos])),
         "depth_age_ms": {"mean": float(np.mean(ages)), "p99": float(np.percentile(ages, 99))},

@@ -1,5 +1,6 @@
 """What can go wrong with the sensors, at times of one's choosing: for tests, and for controllers that must bear it."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -14,9 +15,22 @@ from laploop.perception.messages import DepthEstimate
 Array = NDArray[np.float64]
 
 FaultKind = Literal[
-    "perception-stops", "depth-jump", "depth-invalid", "late-frame", "target-hidden", "force-saturates", "controller-nan"
+    "perception-stops",
+    "depth-jump",
+    "depth-invalid",
+    "late-frame",
+    "target-hidden",
+    "tissue-unreachable",
+    "force-saturates",
+    "controller-nan",
 ]
 """Names of the faults, in the order in which they are listed to users."""
+
+OUT_OF_REACH = "target out of reach: the shaft goes no deeper into its trocar"
+"""Why the tip is held back while the tissue cannot be reached."""
+
+_BRAKING_MPS2 = 0.5
+"""With which a shaft comes to rest at the end of its way; the arm's controller can twice that."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +42,8 @@ class Fault:
     - `depth-invalid`: no pixel of the depth frames captured in this time is valid.
     - `late-frame`: the first frame captured in this time arrives at its end, after newer ones.
     - `target-hidden`: nothing is valid within `radius_px` of the target, and its marker is not seen.
+    - `tissue-unreachable`: the moved shaft goes at most `room_m` deeper into its trocar than it was at the begin of this time,
+      as at a stop, so that what lies deeper is out of reach.
     - `force-saturates`: the force sensor reads `full_scale_n`.
     - `controller-nan`: the action of every control tick is replaced by one that is not a number.
     """
@@ -37,6 +53,7 @@ class Fault:
     end_s: float
     jump_m: float = 0.02
     radius_px: float = 60.0
+    room_m: float = 0.003
     full_scale_n: float = 10.0
 
     def __post_init__(self) -> None:
@@ -52,6 +69,7 @@ class Fault:
             raise InvalidValueError("start_s and end_s", (self.start_s, self.end_s), "0 <= start_s < end_s")
         check_range("jump_m", self.jump_m, -0.1, 0.1)
         check_range("radius_px", self.radius_px, 1.0, 1e4)
+        check_range("room_m", self.room_m, 0.002, 0.3)
         check_range("full_scale_n", self.full_scale_n, 0.01, 1e3)
 
     def active(self, now_ns: int) -> bool:
@@ -67,6 +85,7 @@ class FaultInjector:
         self._faults = faults
         self._jumped: set[Fault] = set()
         self._held: dict[Fault, ServedFrame] = {}
+        self._stops: dict[Fault, float] = {}
 
     def active(self, now_ns: int) -> tuple[str, ...]:
         """Return the kinds of the faults that last at a time."""
@@ -101,6 +120,28 @@ class FaultInjector:
         if "controller-nan" in self.active(now_ns):
             return np.full_like(action, np.nan)
         return action
+
+    def velocity(self, velocity: Array, axis: Array, insertion_m: float, period_s: float, now_ns: int) -> tuple[Array, str]:
+        """Return the velocity of the tip that is possible, (3,) m/s, and what holds the tip back; empty if nothing does.
+
+        Args:
+            velocity: What is asked for, (3,).
+            axis: (3,), unit, along the shaft from the trocar to the tip, in the same frame.
+            insertion_m: From the trocar to the tip.
+            period_s: For how long the velocity counts.
+            now_ns: Simulated time.
+        """
+        reason = ""
+        for fault in self._faults:
+            if fault.kind != "tissue-unreachable" or not fault.active(now_ns):
+                continue
+            left = max(self._stops.setdefault(fault, insertion_m + fault.room_m) - insertion_m, 0.0)
+            fastest = min(math.sqrt(2.0 * _BRAKING_MPS2 * left), 0.5 * left / period_s)
+            deeper = float(velocity @ axis)
+            if deeper > fastest:
+                velocity = velocity - (deeper - fastest) * axis
+                reason = OUT_OF_REACH
+        return velocity, reason
 
     def _changed(self, frame: ServedFrame, markers: dict[int, Array | None]) -> ServedFrame | None:
         depth = frame.depth

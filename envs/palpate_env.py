@@ -118,8 +118,11 @@ class PalpateEnv(TaskEnv[PalpateConfig]):
             self._band: deque[bool] = deque([False] * ticks, maxlen=ticks)
             self._forces: deque[float] = deque(maxlen=ticks)
             self._best_share = 0.0
+            self._since_reached: list[bool] = []
         else:
             self._band.append(self._in_band)
+            if self._in_band or self._since_reached:
+                self._since_reached.append(self._in_band)
             self._forces.append(force)
         self._held_share = sum(self._band) / ticks
         self._best_share = max(self._best_share, self._held_share)
@@ -156,9 +159,11 @@ class PalpateEnv(TaskEnv[PalpateConfig]):
         }
 
     def metrics(self) -> dict[str, float | None]:
-        """Return the best share held, and the mean and spread of the force over the last hold time."""
+        """Return the shares held, and the mean and spread of the force over the last hold time."""
         return {
             "held_share_best": self._best_share,
+            # Unlike the best, this counts every tick from the first one in the band to the end.
+            "in_band_share": float(np.mean(self._since_reached)) if self._since_reached else None,
             "force_mean_n": float(np.mean(self._forces)) if self._forces else None,
             "force_std_n": float(np.std(self._forces)) if self._forces else None,
         }

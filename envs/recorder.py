@@ -6,7 +6,7 @@ may keep them without a copy. `laploop.envs.episode_log.EpisodeLog` keeps an epi
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from laploop.envs.theatre import Theatre
 
 ARM_NAMES = ("camera", "tool")
-"""Keys of `TickRecord.rcm_error_mm`."""
+"""Keys of `TickRecord.rcm_error_mm` and `TickRecord.port_force_n`."""
 
 STAGES = ("physics", "render", "perception", "control", "record")
 """Keys that `TickRecord.stage_ms` may have: wall time spent in a stage since the previous tick."""
@@ -72,6 +72,8 @@ class TickRecord:
     """Time since the capture of the newest frame that has arrived; None before the first."""
     stage_ms: Mapping[str, float]
     """Wall time of the stages that ran since the previous tick; a stage that did not run is absent."""
+    port_force_n: Mapping[str, float] = field(default_factory=dict)
+    """Lateral force of the wall around each trocar on its shaft; keys are `ARM_NAMES`, empty where there are no trocars."""
 
 
 class Recorder(Protocol):

@@ -37,6 +37,10 @@ PLOTS: Mapping[str, Plot] = {
         title="Trocar (RCM) error [mm]",
         series={"camera": ("camera arm [mm]", _ORANGE), "tool": ("tool arm [mm]", _BLUE)},
     ),
+    "port_force_n": Plot(
+        title="Force of the wall at the trocar [N]",
+        series={"camera": ("on the scope's shaft [N]", _ORANGE), "tool": ("on the tool's shaft [N]", _BLUE)},
+    ),
     "force_n": Plot(title="Contact force [N]", series={"force": ("tip on tissue [N]", _RED)}),
     "depth_age_ms": Plot(title="Age of the newest depth frame [ms]", series={"age": ("age [ms]", _GREEN)}),
     "stage_ms": Plot(
@@ -120,7 +124,7 @@ def episode_blueprint(look_at: NDArray[np.float64]) -> rrb.Blueprint:
                 images,
                 plots["target_error_mm"],
                 plots["force_n"],
-                rrb.Tabs(plots["rcm_error_mm"], plots["depth_age_ms"], plots["stage_ms"], legend_view),
+                rrb.Tabs(plots["rcm_error_mm"], plots["port_force_n"], plots["depth_age_ms"], plots["stage_ms"], legend_view),
                 row_shares=[4, 1, 1, 1],
             ),
             column_shares=[1, 1],

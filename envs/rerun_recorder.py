@@ -275,6 +275,9 @@ class RerunRecorder:
         self._send_scalars("depth_age_ms/age", ages)
         for name in PLOTS["rcm_error_mm"].series:
             self._send_scalars(f"rcm_error_mm/{name}", [(tick.now_ns, tick.rcm_error_mm[name]) for tick in ticks])
+        for name in PLOTS["port_force_n"].series:
+            forces = [(tick.now_ns, tick.port_force_n[name]) for tick in ticks if name in tick.port_force_n]
+            self._send_scalars(f"port_force_n/{name}", forces)
         for stage in STAGES:
             times = [(tick.now_ns, tick.stage_ms[stage]) for tick in ticks if stage in tick.stage_ms]
             self._send_scalars(f"stage_ms/{stage}", times)

@@ -235,7 +235,12 @@ class ScanEnv(TaskEnv[ScanConfig]):
             "standoff_rms_mm": _rms(self._standoff_errors_mm) if seen else None,
             "incidence_mean_deg": float(np.mean(self._incidences_deg)) if seen else None,
             "incidence_p95_deg": float(np.percentile(self._incidences_deg, 95)) if seen else None,
+            "incidence_within_share": self._share_square() if seen else None,
         }
+
+    def _share_square(self) -> float:
+        """Return the share of the ticks with an incidence that the task allows."""
+        return float(np.mean(np.array(self._incidences_deg) <= np.rad2deg(self.config.max_incidence_rad)))
 
     def _progress(self) -> float:
         """Return the share of the path that was scanned; its last half millimetre is given."""

@@ -57,10 +57,11 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
     Every task terminates with `terminated_by` = `force` when the tip was pressed harder than `harm_force_n`, and with `rcm`
     when a shaft is farther than `harm_rcm_m` off its trocar; it is truncated with `time` after `max_seconds`.
 
-    `info` holds `target_error_mm`, `rcm_error_mm` (`camera`, `tool`: worst of the period's physics steps), `contact_force_n`
-    (likewise), `depth_mae_mm` and `depth_valid_fraction` (both on the tissue), `depth_age_ms`, `sim_s`, `frames`,
-    `dropped_frames`, `status` and `status_reason` (of the inverse kinematics), `fault` (why the command was not followed, or
-    None), `injected_faults`, `assessed` (whether the task counts this tick), `success`, `terminated_by`, `reward_terms`.
+    `info` holds `target_error_mm`, `rcm_error_mm` (`camera`, `tool`: worst of the period's physics steps), `port_force_n` and
+    `port_friction_n` (likewise, of the trocar's wall and seal), `contact_force_n` (likewise), `depth_mae_mm` and
+    `depth_valid_fraction` (both on the tissue), `depth_age_ms`, `sim_s`, `frames`, `dropped_frames`, `status` and
+    `status_reason` (of the inverse kinematics), `fault` (why the command was not followed, or None), `injected_faults`,
+    `assessed` (whether the task counts this tick), `success`, `terminated_by`, `reward_terms`.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  Gymnasium's own convention
@@ -192,6 +193,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             motion=self.config.motion,
             travel=self.config.travel,
             actuation=self.config.loop.actuation,
+            trocar=self.config.loop.trocar,
             tissue=self.config.tissue,
             timestep_s=rates.physics_s,
             control_period_s=rates.control_s,
@@ -349,6 +351,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         return {
             **self.task_info(),
             "rcm_error_mm": {name: error * 1e3 for name, error in self.loop.max_rcm_error_m.items()},
+            "port_force_n": dict(self.loop.max_port_force_n),
+            "port_friction_n": dict(self.loop.max_port_friction_n),
             "contact_force_n": self.loop.max_force_n,
             "depth_mae_mm": self._depth_mae_mm,
             "depth_valid_fraction": self._depth_valid_fraction,
@@ -374,6 +378,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
                     target_error_mm=info["target_error_mm"],
                     target_in_world=self.target_in_world(),
                     rcm_error_mm=info["rcm_error_mm"],
+                    port_force_n=info["port_force_n"],
                     contact_force_n=info["contact_force_n"],
                     depth_age_ms=info["depth_age_ms"],
                     stage_ms=self.loop.timer.lap_ms(),

@@ -19,6 +19,7 @@ from laploop.envs.theatre_scene import (
     build_scene,
 )
 from laploop.envs.tissue import Tissue
+from laploop.envs.trocar import Trocar
 from laploop.errors import InvalidValueError, SimulationError
 
 __all__ = ["Arm", "Theatre", "TheatreConfig"]
@@ -55,6 +56,7 @@ class Theatre:
         self._tip_geoms = np.flatnonzero(self.model.geom_bodyid == self.model.body(f"{TOOL_ARM}/{INSTRUMENT_PREFIX}{TIP}").id)
         self._steps = 0
         self._references: dict[str, Actuation] = {}
+        self._trocars = {arm.name: Trocar(config.trocar, arm, self.model, self.data) for arm in self.arms}
         self._settled_qpos = self._settle()
         self.reset()
 
@@ -83,6 +85,8 @@ class Theatre:
             self.data.ctrl[arm.actuator_indices] = arm.home_q
         self._place_stage()
         mujoco.mj_forward(self.model, self.data)
+        for trocar in self._trocars.values():
+            trocar.reset()
         self._check()
 
     def step(self) -> None:
@@ -94,7 +98,12 @@ class Theatre:
         for arm in self.arms:
             self.data.ctrl[arm.actuator_indices] = self._references[arm.name].step(self.now_ns)
         self._place_stage()
-        mujoco.mj_step(self.model, self.data)
+        # The two halves of `mj_step`; between them positions are fresh and forces are still to be summed.
+        mujoco.mj_step1(self.model, self.data)
+        if self.config.trocar.acts:
+            for trocar in self._trocars.values():
+                trocar.apply()
+        mujoco.mj_step2(self.model, self.data)
         self._steps += 1
         self._check()
 
@@ -161,6 +170,14 @@ class Theatre:
             sign = 1.0 if geoms[index, 1] in self._tip_geoms else -1.0
             force += sign * (wrench[:3] @ self.data.contact.frame[index].reshape(3, 3))
         return force
+
+    def port_force_n(self, arm: Arm) -> float:
+        """Return the force in newtons with which the wall around an arm's trocar pushed its shaft sideways in the last step."""
+        return self._trocars[arm.name].lateral_force_n
+
+    def port_friction_n(self, arm: Arm) -> float:
+        """Return the force in newtons with which the seal held an arm's shaft along its axis in the last step."""
+        return self._trocars[arm.name].friction_force_n
 
     def rcm_error_m(self, arm: Arm) -> float:
         """Return the distance between an arm's trocar point and the axis of its shaft."""

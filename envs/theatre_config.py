@@ -8,6 +8,7 @@ from laploop.assets.scope_optics import ScopeOptics
 from laploop.envs.actuation import ActuationConfig
 from laploop.envs.base_motion import BaseMotion
 from laploop.envs.stage_travel import StageTravel
+from laploop.envs.trocar import TrocarConfig
 from laploop.errors import InvalidValueError
 
 
@@ -46,6 +47,8 @@ class TheatreConfig:
     travel: StageTravel = field(default_factory=StageTravel)
     actuation: ActuationConfig = field(default_factory=ActuationConfig)
     """How both arms follow their joint targets."""
+    trocar: TrocarConfig = field(default_factory=TrocarConfig)
+    """What wall and seal do to both shafts."""
     working_distance_m: float | None = None
     """From the scope's tip down to the mean height of the tissue at rest; None draws it from 75 to 105 mm."""
     timestep_s: float = 0.002
@@ -69,6 +72,7 @@ class TheatreConfig:
             raise InvalidValueError("timestep_s", self.timestep_s, "0.0002 to 0.005 s, a whole number of nanoseconds")
         if not self.control_period_s >= self.timestep_s or not _whole(self.control_period_s / self.timestep_s):
             raise InvalidValueError("control_period_s", self.control_period_s, "a whole number of physics steps, at least one")
+        self.trocar.check_timestep(self.timestep_s)
 
     @property
     def timestep_ns(self) -> int:

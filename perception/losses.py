@@ -5,7 +5,6 @@ Depths in millimetres; the mask is True where there is a truth. A mask without a
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from laploop.errors import InvalidValueError, check_range
 
@@ -38,12 +37,11 @@ def ssim_map(first: Tensor, second: Tensor) -> Tensor:
     """
     if min(first.shape[-2:]) < _SSIM_WINDOW:
         raise InvalidValueError("image (height, width)", tuple(first.shape[-2:]), f"{_SSIM_WINDOW} or more")
-    place = torch.arange(_SSIM_WINDOW, dtype=first.dtype, device=first.device) - _SSIM_WINDOW // 2
-    window = torch.softmax(-0.5 * (place / _SSIM_SIGMA) ** 2, dim=0)
+    height, width = first.shape[-2:]
     images = torch.stack([first, second, first * first, second * second, first * second], dim=1)
     with torch.autocast(device_type=first.device.type, enabled=False):
-        along_x = functional.conv2d(images.flatten(0, 1)[:, None], window[None, None, None, :])
-        along_both = functional.conv2d(along_x, window[None, None, :, None])[:, 0]
+        # Products with band matrices: CPUs take ten times as long for the same as a convolution of a single channel.
+        along_both = _window_matrix(height, first) @ images.flatten(0, 1) @ _window_matrix(width, first).T
     means = along_both.reshape(-1, 5, *along_both.shape[1:])
     mean1, mean2, square1, square2, product = means.unbind(dim=1)
     variances = square1 - mean1**2 + square2 - mean2**2
@@ -51,6 +49,15 @@ def ssim_map(first: Tensor, second: Tensor) -> Tensor:
     likeness = (2.0 * mean1 * mean2 + _SSIM_C1) * (2.0 * covariance + _SSIM_C2)
     similarity: Tensor = likeness / ((mean1**2 + mean2**2 + _SSIM_C1) * (variances + _SSIM_C2))
     return similarity
+
+
+def _window_matrix(size: int, like: Tensor) -> Tensor:
+    """Return the matrix (size - 10, size) that slides the normalised Gaussian window over `size` values."""
+    place = torch.arange(_SSIM_WINDOW, dtype=like.dtype, device=like.device) - _SSIM_WINDOW // 2
+    window = torch.softmax(-0.5 * (place / _SSIM_SIGMA) ** 2, dim=0)
+    rows = torch.arange(size - _SSIM_WINDOW + 1, device=like.device)[:, None]
+    matrix = torch.zeros(len(rows), size, dtype=like.dtype, device=like.device)
+    return matrix.scatter(1, rows + torch.arange(_SSIM_WINDOW, device=like.device), window.expand(len(rows), -1))
 
 
 def spatial_loss(

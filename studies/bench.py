@@ -4,7 +4,7 @@ import csv
 import io
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,9 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.shafts import INSTRUMENT
+from laploop.control.messages import ControlInput
 from laploop.control.rcm_controller import RcmController
 from laploop.control.reach_controller import ReachController
 from laploop.control.robot import ArmModel
+from laploop.control.track_controller import TrackController
+from laploop.envs.base_motion import BaseMotion
 from laploop.envs.closed_loop import LoopConfig
 from laploop.envs.episode import EpisodeConfig, run_episode
 from laploop.envs.reach_env import ReachConfig, ReachEnv
@@ -26,7 +29,9 @@ from laploop.envs.sensors.reference_camera import ReferenceCamera, lateral_mount
 from laploop.envs.sensors.reference_optics import ReferenceOptics
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.sensors.stripe_capture import StripeCapture
+from laploop.envs.task_env import TaskEnv
 from laploop.envs.theatre import Theatre
+from laploop.envs.track_env import TrackEnv
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.estimators.registry import make_estimator
@@ -41,7 +46,10 @@ LIMITS_MS: Mapping[str, float] = {
     "reference capture, 2x2": 1500.0,
     "reprojection, full cloud": 500.0,
 }
-"""What the loop, and the collection of a data set, ask of a machine with two cores."""
+"""What the loop, and the collection of a data set, ask of a machine with two cores: of the median."""
+
+LIMITS_P99_MS: Mapping[str, float] = {"control tick: prediction": 0.6}
+"""What is asked of the 99th percentile."""
 
 LIMIT_REAL_TIME_FACTOR = 0.3
 
@@ -95,6 +103,8 @@ class Stage:
     p99_ms: float
     limit_ms: float | None
     """For the median; None where nothing is asked."""
+    limit_p99_ms: float | None
+    """For the 99th percentile."""
 
     @classmethod
     def of(cls, name: str, seconds: Sequence[float] | NDArray[np.float64]) -> "Stage":
@@ -108,6 +118,7 @@ class Stage:
             p95_ms=float(p95),
             p99_ms=float(p99),
             limit_ms=LIMITS_MS.get(name),
+            limit_p99_ms=LIMITS_P99_MS.get(name),
         )
 
 
@@ -162,6 +173,8 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
     rig = Rig.from_optics(LoopConfig().scope)
     estimators = {name: make_estimator(name, rig) for name in config.estimators}
     touch = _reach_the_tissue(config)
+    report(0.2)
+    tracking = _tracking_ticks(config)
     report(0.3)
     env = touch.env
     theatre = env.loop.theatre
@@ -172,6 +185,7 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
         Stage.of("control tick", np.add(touch.targeting_s, touch.inverse_kinematics_s)),
         Stage.of("control tick: targeting", touch.targeting_s),
         Stage.of("control tick: inverse kinematics", touch.inverse_kinematics_s),
+        Stage.of("control tick: prediction", tracking),
     ]
     camera = StripeCamera(env.loop.rig, env.config.loop.stripes, device=env.config.loop.device)
     camera.attach(theatre.model)
@@ -206,9 +220,7 @@ def _reach_the_tissue(config: BenchConfig) -> _Touch:
         env = ReachEnv(ReachConfig(max_seconds=config.seconds), perception="oracle")
         controller = ReachController(env.loop.rig)
         env.reset(seed=config.seed + number)
-        arm = env.loop.theatre.tool_arm
-        rcm = RcmController(ArmModel(arm.world_from_base, INSTRUMENT), arm.trocar_in_world, env.config.loop.rcm)
-        rcm.reset(arm.home_q)
+        rcm = _kinematics_of(env)
         terminated = truncated = False
         info: dict[str, Any] = {}
         while not (terminated or truncated):
@@ -220,6 +232,39 @@ def _reach_the_tissue(config: BenchConfig) -> _Touch:
             return _Touch(env=env, rcm=rcm, targeting_s=targeting, inverse_kinematics_s=kinematics)
         env.close()
     raise SimulationError(f"no success in {_MOST_EPISODES} episodes with exact depth; there is nothing to measure contact on")
+
+
+def _tracking_ticks(config: BenchConfig) -> list[float]:
+    """Time whole control ticks over tissue that breathes: targeting, prediction by rhythms, and the arm's quadratic program."""
+    track = replace(TrackEnv.default_config(), motion=BaseMotion.named("breathing"), max_seconds=config.seconds)
+    env = TrackEnv(track, perception="oracle")
+    controller = TrackController(env.loop.rig)
+    env.reset(seed=config.seed)
+    rcm = _kinematics_of(env)
+
+    def tick(state: ControlInput, rotation: NDArray[np.float64], scope_pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        velocity = controller.command(state)
+        rcm.set_other_shaft(scope_pose, scope.shaft)
+        rcm.step(rotation @ velocity, env.config.loop.rates.control_s)
+        return velocity
+
+    seconds: list[float] = []
+    scope = env.loop.scope.model
+    terminated = truncated = False
+    while not (terminated or truncated):
+        rotation = env.loop.theatre.world_from_camera()[:3, :3]
+        velocity = _timed(seconds, tick, env.control_input(), rotation, env.loop.scope.tip_pose_in_world())
+        _, _, terminated, truncated, _ = env.step(velocity.astype(np.float32))
+    env.close()
+    return seconds
+
+
+def _kinematics_of(env: TaskEnv[Any]) -> RcmController:
+    """Make a controller of the tool arm beside the one in the loop, at home."""
+    arm = env.loop.theatre.tool_arm
+    rcm = RcmController(ArmModel(arm.world_from_base, INSTRUMENT), arm.trocar_in_world, env.config.loop.rcm)
+    rcm.reset(arm.home_q)
+    return rcm
 
 
 def _contact_physics(touch: _Touch, calls: int) -> list[float]:
@@ -341,12 +386,12 @@ def as_markdown(result: BenchResult, machine: Mapping[str, Any]) -> str:
             f"{machine['system']}; load before the measurement {machine['load_1min']}."
         ),
         "",
-        "| stage | calls | 5 % [ms] | median [ms] | 95 % [ms] | 99 % [ms] | asked [ms] |",
-        "|---|---|---|---|---|---|---|",
+        "| stage | calls | 5 % [ms] | median [ms] | 95 % [ms] | 99 % [ms] | asked of the median [ms] | of the 99 % [ms] |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for stage in result.stages:
         numbers = " | ".join(f"{value:.3f}" for value in (stage.p5_ms, stage.p50_ms, stage.p95_ms, stage.p99_ms))
-        asked = "" if stage.limit_ms is None else f"{stage.limit_ms:g}"
+        asked = " | ".join("" if limit is None else f"{limit:g}" for limit in (stage.limit_ms, stage.limit_p99_ms))
         lines.append(f"| {stage.name} | {stage.calls} | {numbers} | {asked} |")
     loop = result.as_dict()["loop"]
     factor = loop["real_time_factor"]

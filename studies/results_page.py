@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from laploop.errors import InvalidValueError, MissingFileError, OutputError
+from laploop.studies.results_tables import residual_table, robustness_table, speed_table, tasks_table
 
 BEGIN = "<!-- results: begin -->"
 END = "<!-- results: end -->"
@@ -18,27 +19,42 @@ END = "<!-- results: end -->"
 DEPTH = Path(str(files("laploop.assets") / "weights" / "compact.json"))
 """The depth evaluation that the shipped weights' card rests on."""
 
-TRIALS = tuple(f"{name}-{motion}" for name in ("oracle", "compact", "ssle-phase", "phase") for motion in ("still", "breathing"))
+MODELS = ("oracle", "compact", "ssle-phase", "ssle", "dual-unet", "phase")
+"""In the order of the tables."""
+
+TRIALS = tuple(f"{name}-{motion}" for name in MODELS for motion in ("still", "breathing"))
 """Closed-loop studies, in the order of the table: estimator and motion; those without a file are left out."""
 
 
 def results_markdown(folder: Path) -> str:
     """Return the block for the summaries in `folder`.
 
+    Those of trials, tasks, robustness, speed and of an injected calibration error are left out where they are missing.
+
     Raises:
-        MissingFileError: If the folder lacks one of the summaries that are not of trials.
+        MissingFileError: If the folder lacks one of the others.
     """
+    pairs = _read(folder / "depth-pairs.json")
     trials = [_read(path) for name in TRIALS if (path := folder / f"trials-{name}.json").is_file()]
+    speeds = [_read(path) for name in MODELS if (path := folder / f"speed-{name}.json").is_file()]
+    tasks, residual, robustness = (
+        _read(path) if (path := folder / f"{name}.json").is_file() else None
+        for name in ("tasks", "depth-pairs-residual", "robustness")
+    )
     sections = [
         _trials_table(trials),
+        tasks_table(tasks) if tasks else None,
         _depth_table(_read(DEPTH)),
-        _pairs_table(_read(folder / "depth-pairs.json")),
+        _pairs_table(pairs),
+        residual_table(residual, pairs) if residual else None,
+        robustness_table(robustness) if robustness else None,
         _sensor_paragraph(
             _read(folder / "characterization.json"), _read(folder / "calibration.json"), _read(folder / "collection.json")
         ),
+        speed_table(speeds) if speeds else None,
         _bench_table(_read(folder / "bench.json")),
     ]
-    return "\n\n".join(sections)
+    return "\n\n".join(section for section in sections if section is not None)
 
 
 def with_results(readme: str, block: str) -> str:
@@ -78,7 +94,7 @@ def _trials_table(summaries: Sequence[Mapping[str, Any]]) -> str:
         episode = summary["config"]["trials"]["episode"]
         error, rcm = summary["final_error_mm"], summary["rcm_error_mm"]
         lines.append(
-            f"| `{episode['perception']}` | {episode['motion']} | {summary['episodes']} | "
+            f"| `{episode['perception']}` | {episode['motion'] or 'still'} | {summary['episodes']} | "
             f"{100 * summary['success_rate']:.0f} % | {error['mean']:.2f} mm | "
             f"{error['max']:.2f} mm | {summary['contact_force_n']['max']:.2f} N | "
             f"{max(rcm.values()):.3f} mm |"

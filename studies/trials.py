@@ -35,12 +35,13 @@ COLUMNS = (
     "contact_force_n",
     "rcm_camera_mm",
     "rcm_tool_mm",
+    "port_force_n",
     "depth_mae_mm",
     "depth_valid_fraction",
     "real_time_factor",
     "error",
 )
-"""Columns of every task's table; behind them come the task's own metrics."""
+"""Columns of every task's table; behind them come the task's own metrics and what the arms' limits were used to."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,7 +110,14 @@ def run_trial(episode: EpisodeConfig) -> Row:
     try:
         summary = run_episode(episode)
     except (SimulationError, InfeasibleError) as error:
-        failed = {"seed": episode.seed, "success": False, "terminated_by": "error", "error": str(error), "metrics": {}}
+        failed = {
+            "seed": episode.seed,
+            "success": False,
+            "terminated_by": "error",
+            "error": str(error),
+            "metrics": {},
+            "limits": {},
+        }
         return {**dict.fromkeys(COLUMNS), **failed}
     return row_of(episode.seed, summary)
 
@@ -125,11 +133,13 @@ def row_of(seed: int, summary: Mapping[str, Any]) -> Row:
         "contact_force_n": summary["contact_force_n"]["max"],
         "rcm_camera_mm": summary["rcm_error_mm"]["camera_max"],
         "rcm_tool_mm": summary["rcm_error_mm"]["tool_max"],
+        "port_force_n": max(summary["port_force_n"].values()),
         "depth_mae_mm": summary["depth_mae_mm"],
         "depth_valid_fraction": summary["depth_valid_fraction"],
         "real_time_factor": summary["real_time_factor"],
         "error": None,
         "metrics": dict(summary.get("metrics", {})),
+        "limits": dict(summary.get("limits", {})),
     }
 
 
@@ -150,15 +160,17 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
         },
         "contact_force_n": {"max": _worst(rows, "contact_force_n")},
         "rcm_error_mm": {"camera_max": _worst(rows, "rcm_camera_mm"), "tool_max": _worst(rows, "rcm_tool_mm")},
+        "port_force_n": {"max": _worst(rows, "port_force_n")},
         "depth_mae_mm": float(np.mean(depth)) if (depth := _column(rows, "depth_mae_mm")).size else None,
-        "metrics": {name: _spread([row.get("metrics", {}).get(name) for row in rows]) for name in metric_names(rows)},
+        "metrics": _spreads(rows, "metrics"),
+        "limits": _spreads(rows, "limits"),
         "rows": list(rows),
     }
 
 
-def metric_names(rows: Sequence[Row]) -> tuple[str, ...]:
-    """Return the names of the task's own metrics, in the order of their first appearance."""
-    return tuple(dict.fromkeys(name for row in rows for name in row.get("metrics", {})))
+def _names(rows: Sequence[Row], *groups: str) -> tuple[str, ...]:
+    """Return the names in groups of the rows, `metrics` or `limits`, in the order of their first appearance."""
+    return tuple(dict.fromkeys(name for group in groups for row in rows for name in row.get(group, {})))
 
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
@@ -173,7 +185,7 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
 def as_csv(rows: Sequence[Row]) -> str:
     """Write rows as CSV."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=(*COLUMNS, *metric_names(rows)), lineterminator="\n")
+    writer = csv.DictWriter(text, fieldnames=(*COLUMNS, *_names(rows, "metrics", "limits")), lineterminator="\n")
     writer.writeheader()
     writer.writerows(_flat(row) for row in rows)
     return text.getvalue()
@@ -190,13 +202,13 @@ def as_markdown(rows: Sequence[Row], summary: Mapping[str, Any]) -> str:
         f"95th percentile {_cell(error['p95'])}, worst {_cell(error['max'])}.",
         "",
     ]
-    metrics = summary["metrics"]
+    metrics = {**summary["metrics"], **summary["limits"]}
     if metrics:
         lines += ["| metric | mean | least | greatest |", "|---|---|---|---|"]
         for name, one in metrics.items():
             lines.append(f"| {name} | {_cell(one['mean'])} | {_cell(one['min'])} | {_cell(one['max'])} |")
         lines.append("")
-    columns = (*COLUMNS, *metric_names(rows))
+    columns = (*COLUMNS, *_names(rows, "metrics", "limits"))
     lines += ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     lines += ["| " + " | ".join(_cell(_flat(row).get(name)) for name in columns) + " |" for row in rows]
     return "\n".join(lines) + "\n"
@@ -211,7 +223,11 @@ def _cell(value: object) -> str:
 
 
 def _flat(row: Row) -> Row:
-    return {**{name: row[name] for name in COLUMNS}, **row.get("metrics", {})}
+    return {**{name: row[name] for name in COLUMNS}, **row.get("metrics", {}), **row.get("limits", {})}
+
+
+def _spreads(rows: Sequence[Row], group: str) -> dict[str, dict[str, float | None]]:
+    return {name: _spread([row.get(group, {}).get(name) for row in rows]) for name in _names(rows, group)}
 
 
 def _spread(values: Sequence[float | None]) -> dict[str, float | None]:

@@ -62,7 +62,7 @@ class SsleConfig:
 
     @classmethod
     def named(cls, size: str, *, height: int = 256, width: int = 256) -> "SsleConfig":
-        """Return a size by name: `paper`, `small` for two CPU cores, `tiny` for tests.
+        """Return a size by name: `paper`, `small` for one CPU core, `tiny` for tests.
 
         Raises:
             UnknownNameError: If there is no such size.
@@ -80,10 +80,12 @@ class SsleConfig:
 
 _SIZES = {
     "paper": (VqVaeConfig(), VqVaeConfig(entries=1024), LatentUNetConfig()),
+    # All at a quarter of the image's size, where a frame costs one CPU core a few hundredths of a second; 16 numbers a latent,
+    # since a codebook of 1024 spans no more.
     "small": (
-        VqVaeConfig(base=16, multipliers=(1, 2, 3), blocks=1, attention=False),
-        VqVaeConfig(base=16, multipliers=(1, 2, 3), blocks=1, attention=False, entries=1024),
-        LatentUNetConfig(base=48, multipliers=(1, 2, 4, 4, 4)),
+        VqVaeConfig(fold=4, base=32, multipliers=(1,), blocks=1, attention=False, latent=16, entries=1024),
+        VqVaeConfig(fold=4, base=24, multipliers=(1,), blocks=1, attention=False, latent=16, entries=1024),
+        LatentUNetConfig(base=32, multipliers=(1, 2, 4, 4, 4)),
     ),
     "tiny": (
         VqVaeConfig(base=8, multipliers=(1, 2), blocks=1, attention=False, latent=8, entries=64),
@@ -138,7 +140,10 @@ class SsleNetwork(nn.Module):
 
     def forward(self, image: Tensor) -> SsleOutput:
         """Estimate from images (B, height, width), grey values 0-255 in float32."""
-        codes = self.quantizer(self.encoder(image_to_unit(image))).values
+        return self.from_codes(self.quantizer(self.encoder(image_to_unit(image))).values)
+
+    def from_codes(self, codes: Tensor) -> SsleOutput:
+        """Estimate from the quantised image latents (B, d, h, w)."""
         latent = self.unet(codes.contiguous(memory_format=torch.channels_last)).float()
         scaled = latent * self.latent_deviation + self.latent_mean
         if self.config.quantize_depth:

@@ -59,9 +59,10 @@ class VectorQuantizer(nn.Module):
     def lookup(self, latents: Tensor) -> Tensor:
         """Return the index of the nearest entry (B, H, W) for latents (B, d, H, W)."""
         rows = latents.float().movedim(1, -1)
-        # |z - e|^2 without the term that is the same for all entries.
-        distance = self.codebook.square().sum(dim=1) - 2.0 * (rows @ self.codebook.T)
-        return distance.argmin(dim=-1)
+        # |z - e|^2 without the term that is the same for all entries; in one pass, since the matrix is large.
+        squares = self.codebook.square().sum(dim=1)
+        distance = torch.addmm(squares, rows.flatten(0, 2), -2.0 * self.codebook.T)
+        return distance.argmin(dim=-1).reshape(rows.shape[:-1])
 
     def decode(self, indices: Tensor) -> Tensor:
         """Return the entries (B, d, H, W) at indices (B, H, W)."""
@@ -79,7 +80,9 @@ class VectorQuantizer(nn.Module):
             if self.training and self.restart_after:
                 self._count(indices)
             entries = self.decode(indices)
-            used = functional.one_hot(indices.flatten(), len(self.codebook)).float().mean(dim=0)
+            # Sums of ones, where a one-hot matrix of all latents would be hundreds of megabytes.
+            ones = torch.ones(indices.numel(), device=indices.device)
+            used = torch.zeros(len(self.codebook), device=indices.device).scatter_add(0, indices.flatten(), ones) / len(ones)
             return Quantized(
                 values=latents + (entries - latents).detach(),
                 indices=indices,

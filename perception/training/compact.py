@@ -34,7 +34,7 @@ _NEAREST_MM, _FARTHEST_MM = 20.0, 250.0
 class CompactTraining:
     """The schedule."""
 
-    epochs: int = 16
+    epochs: int = 36
     """May be changed on resume: the learning rate follows the share of the epochs that is done."""
     batch: int = 8
     learning_rate: float = 2e-3

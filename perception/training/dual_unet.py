@@ -54,7 +54,7 @@ class DualUNetTraining:
 _TRAININGS = {
     "paper": DualUNetTraining(),
     "small": DualUNetTraining(
-        schedule=Schedule(epochs=12, learning_rate=2e-3, per_step=True, warmup_steps=50, clip_norm=5.0, bfloat16=True),
+        schedule=Schedule(epochs=22, learning_rate=2e-3, per_step=True, warmup_steps=50, clip_norm=5.0, bfloat16=True),
         gain_range=0.15,
     ),
     "tiny": DualUNetTraining(schedule=Schedule(epochs=2, batch=2, learning_rate=2e-3)),

@@ -110,6 +110,9 @@ class Recipe(ABC):
     network: nn.Module
     """All that is saved; parameters that do not require gradients stay as they are."""
     schedule: Schedule
+    variants: int = 0
+    """Augmented variants of a frame that the epochs take in turn; 0 for a new one in every epoch. Where it is set, `derive` is
+    called once for each and what it returns is kept in memory."""
 
     @property
     @abstractmethod
@@ -135,6 +138,13 @@ class Recipe(ABC):
     def augment(self, sample: Sample, rng: np.random.Generator) -> Sample:  # noqa: ARG002 - for recipes that need it
         """Return a changed copy of a training sample; called anew for every frame and epoch."""
         return sample
+
+    def derive(self, sample: Sample) -> Sample:  # noqa: ARG002 - for recipes that need it
+        """Return more arrays of an augmented sample that no training changes, such as the output of frozen layers.
+
+        Called only where `variants` is set. Must depend on nothing but the sample, so that a resumed training repeats it.
+        """
+        return {}
 
     def parameters(self) -> Iterable[nn.Parameter]:
         """Return what is learned."""

@@ -123,6 +123,7 @@ class SampleDataset(Dataset[Sample]):
         self._rows = samples.rows
         self._recipe = recipe
         self._training = training
+        self._derived: dict[Key, Sample] = {}
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -131,10 +132,17 @@ class SampleDataset(Dataset[Sample]):
     def __getitem__(self, key: Key) -> Sample:
         """Return a frame as it is in an epoch; the same key gives the same bits."""
         epoch, row = key
-        if not self._training:
-            return self._rows[row]
-        rng = np.random.default_rng([self._recipe.schedule.seed, epoch, row])
-        return self._recipe.augment(self._rows[row], rng)
+        sample, variants = self._rows[row], self._recipe.variants
+        draw = epoch % variants if variants else epoch
+        if self._training:
+            rng = np.random.default_rng([self._recipe.schedule.seed, draw, row])
+            sample = self._recipe.augment(sample, rng)
+        if not variants:
+            return sample
+        kept = (draw if self._training else 0, row)
+        if kept not in self._derived:
+            self._derived[kept] = self._recipe.derive(sample)
+        return {**sample, **self._derived[kept]}
 
 
 def stack(samples: Sequence[Sample]) -> Batch:

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from laploop.perception.datasets import DepthDataset
 from laploop.perception.losses import linear_ramp, masked_l1, spatial_loss, vq_loss
-from laploop.perception.networks.ssle_network import FORMAT, SsleConfig, SsleNetwork
+from laploop.perception.networks.ssle_network import FORMAT, SsleConfig, SsleNetwork, SsleOutput
 from laploop.perception.networks.vq_vae import VqVae, depth_to_unit, image_to_unit, unit_to_depth
 from laploop.perception.training.fit import Machine, check_fresh, fit, require_lightning
 from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, flip_and_gain, seeded
@@ -89,6 +89,7 @@ class UNetRecipe(Recipe):
     ) -> None:
         """Put the network together from trained VQ-VAEs, and mean and deviation of the depth's quantised latents."""
         self.schedule = training.unet
+        self.variants = training.variants
         self._training = training
         self.ssle = seeded(lambda: SsleNetwork(config), training.unet.seed)
         self.ssle.take_pretrained(image, depth, *statistics)
@@ -116,9 +117,9 @@ class UNetRecipe(Recipe):
         self.ssle.quantizer.eval()
         self.ssle.depth_quantizer.eval()
         with self.autocast(truth.device):
-            output = self.ssle(batch["image"])
+            output = self._output(batch)
             with torch.no_grad():
-                target = self._latent(depth_to_unit(truth, farthest))
+                target = self._latent(batch)
         mask = torch.isfinite(truth)
         spatial, l1, unlike = spatial_loss(output.depth_mm, truth, mask, alpha=weights.alpha, farthest_mm=farthest)
         latent = (output.latent - self.ssle.standardize(target)).abs().mean()
@@ -128,12 +129,36 @@ class UNetRecipe(Recipe):
     def predict(self, batch: Batch) -> Prediction:
         """Return the depth; the network has no confidence of its own."""
         with self.autocast(batch["image"].device):
-            depth_mm = self.ssle(batch["image"]).depth_mm
+            depth_mm = self._output(batch).depth_mm
         return Prediction(depth_mm=depth_mm, valid=torch.ones_like(depth_mm, dtype=torch.bool))
 
-    def _latent(self, unit: Tensor) -> Tensor:
-        self._target.to(unit.device)
-        values: Tensor = self._target.quantizer(self._target.encoder(unit)).values
+    def derive(self, sample: Sample) -> Sample:
+        """Return which entries of the codebooks stand for the image and for the depth, (h, w) each.
+
+        The frozen layers run in evaluation mode, in single precision and on one frame at a time, so that the entries are the
+        same whatever else is in a batch.
+        """
+        device = next(self.ssle.parameters()).device
+        image = torch.from_numpy(np.ascontiguousarray(sample["image"]))[None].to(device, torch.float32)
+        depth_mm = torch.from_numpy(np.ascontiguousarray(sample["depth_mm"]))[None].to(device)
+        target = self._target.to(device)
+        with torch.no_grad():
+            codes = self.ssle.quantizer.lookup(self.ssle.encoder(image_to_unit(image)))
+            unit = depth_to_unit(depth_mm, self.ssle.config.farthest_mm)
+            target_codes = target.quantizer.lookup(target.encoder(unit))
+        return {"codes": codes[0].int().cpu().numpy(), "target_codes": target_codes[0].int().cpu().numpy()}
+
+    def _output(self, batch: Batch) -> SsleOutput:
+        if "codes" in batch:
+            return self.ssle.from_codes(self.ssle.quantizer.decode(batch["codes"]))
+        output: SsleOutput = self.ssle(batch["image"])
+        return output
+
+    def _latent(self, batch: Batch) -> Tensor:
+        target = self._target.to(batch["depth_mm"].device)
+        if "target_codes" in batch:
+            return target.quantizer.decode(batch["target_codes"])
+        values: Tensor = target.quantizer(target.encoder(depth_to_unit(batch["depth_mm"], self.ssle.config.farthest_mm))).values
         return values
 
 

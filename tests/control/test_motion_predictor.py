@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from laploop.control.motion_predictor import HeldMeasurement, RhythmPredictor, RhythmPredictorConfig
+from laploop.control.rhythm_search import RhythmSearch
 from laploop.errors import InvalidValueError
 
 FRAME_NS = 40_000_000
@@ -308,3 +309,39 @@ def test_held_measurement_is_the_newest():
 def test_impossible_settings_are_refused(fields):
     with pytest.raises(InvalidValueError):
         RhythmPredictorConfig(**fields)
+
+
+def test_work_in_between_changes_no_prediction(monkeypatch):
+    slices = []
+    step = RhythmSearch.step
+    monkeypatch.setattr(RhythmSearch, "step", lambda self: slices.append(None) or step(self))
+    worked, left_alone = RhythmPredictor(), RhythmPredictor()
+    for captured_ns, measured in stream(breathing_and_beating, noise=5e-5, seed=4, drop=0.1):
+        told, saw = [], []
+        for predictor in (worked, left_alone):
+            told.append(predictor.update(measured, captured_ns))
+            if predictor is worked:
+                before = len(slices)
+                for _ in range(3):
+                    predictor.work()
+                # However often there is time: one slice a measurement, and none of it left for the next one.
+                assert len(slices) - before <= 1
+            prediction = predictor.predict(captured_ns + 140_000_000)
+            saw.append((prediction.value, prediction.velocity, prediction.trusted))
+        assert told[0] == told[1]
+        assert saw[0] == saw[1]
+    assert saw[0][2]
+    assert worked.frequencies_hz == left_alone.frequencies_hz
+
+
+def test_a_measurement_after_work_brings_no_search_with_it(monkeypatch):
+    predictor = RhythmPredictor()
+    searched = []
+    step = RhythmSearch.step
+    monkeypatch.setattr(RhythmSearch, "step", lambda self: searched.append(None) or step(self))
+    for captured_ns, measured in stream(breathing_and_beating, seconds=8.0):
+        before = len(searched)
+        predictor.update(measured, captured_ns)
+        assert len(searched) == before
+        predictor.work()
+    assert len(searched) > 50

@@ -26,3 +26,11 @@ def test_every_task_has_its_controller(rig, task, cls):
 def test_unknown_task_is_named_beside_what_there_is(rig):
     with pytest.raises(UnknownNameError, match=r"juggle.*look, palpate, reach, scan, track"):
         make_controller("juggle", rig)
+
+
+def test_prediction_is_the_controllers_own_unless_it_is_given(rig):
+    given = make_controller("track", rig, "none")
+    assert given._targeting._config.prediction == "none"
+    assert make_controller("track", rig)._targeting._config.prediction == "rhythms"
+    with pytest.raises(UnknownNameError, match="unknown prediction 'magic'; available: none, rate, rhythms"):
+        make_controller("track", rig, "magic")

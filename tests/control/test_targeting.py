@@ -5,7 +5,7 @@ import pytest
 
 from laploop.control.messages import ControlInput
 from laploop.control.motion_predictor import Prediction
-from laploop.control.targeting import Targeting, TargetingConfig
+from laploop.control.targeting import Targeting, TargetingConfig, _median
 from laploop.control.tool_occlusion import hidden_by_tool
 from laploop.errors import InvalidValueError, UnknownNameError
 
@@ -235,3 +235,58 @@ def test_velocity_is_that_of_the_time_when_a_command_takes_effect(rig, make_plan
     make_plant(late_ticks=5).run(listener, 0.2)
     assert listener.target.predicted
     assert listener.target.velocity[2] == pytest.approx((listener.state.now_ns + 40_000_000) * 1e-9)
+
+
+class Diary:
+    """A predictor that notes what it is asked to do."""
+
+    def __init__(self, done):
+        self.done = done
+
+    def reset(self):
+        self.done.append("reset")
+
+    def update(self, measured, captured_ns):
+        self.done.append("learn")
+        return True
+
+    def predict(self, at_ns):
+        return Prediction(value=0.0, velocity=0.0, sigma=np.inf, trusted=False)
+
+    def work(self):
+        self.done.append("work")
+
+
+def test_no_tick_both_measures_and_learns_and_works(rig, sphere, make_frame, pixel, monkeypatch):
+    done = []
+    measure = Targeting._measured_displacement
+    monkeypatch.setattr(
+        Targeting, "_measured_displacement", lambda self, *known: done.append("measure") or measure(self, *known)
+    )
+    targeting = Targeting(rig, predictor=Diary(done))
+    ticks = []
+    for tick in range(25):
+        index, now_ns = tick // 5, tick * 8_000_000
+        frame = make_frame(sphere.depth(0.0), index=index, captured_ns=index * FRAME_NS, valid=np.ones((256, 256), dtype=bool))
+        done.clear()
+        targeting.update(known(frame, pixel, now_ns + LATENCY_NS))
+        ticks.append(tuple(done))
+    assert ticks[5:] == [("measure",), ("learn",), ("work",), ("work",), ("work",)] * 4
+
+
+@pytest.mark.parametrize("count", [1, 2, 24, 161])
+def test_quick_median_is_numpys(count):
+    values = np.random.default_rng(count).normal(size=count)
+    assert _median(values) == np.median(values)
+
+
+def test_infinite_depth_is_not_known(rig, sphere, make_frame, pixel):
+    def spoil(depth, valid):
+        depth[:, ::7] = np.inf
+        return depth, valid
+
+    stream = Stream(rig, sphere, make_frame, pixel)
+    stream.show()
+    stream.spoil = spoil
+    target = stream.show(0.001)
+    assert target.captured_ns == FRAME_NS

@@ -1,13 +1,22 @@
 """Whole episodes of every task, as the command line runs them."""
 
 import math
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from laploop.control.scripted import make_controller
+from laploop.envs import episode
+from laploop.envs.base_motion import BaseMotion
+from laploop.envs.closed_loop import LoopConfig
 from laploop.envs.episode import EpisodeConfig, run_episode
-from laploop.envs.tasks import TASKS
-from laploop.errors import InvalidValueError, UnknownNameError
+from laploop.envs.sensors.optics_presets import PRESETS
+from laploop.envs.tasks import TASKS, task_environment
+from laploop.envs.trocar import TrocarConfig
+from laploop.errors import InvalidValueError, MissingFileError, UnknownNameError, WeightsError
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -43,3 +52,56 @@ def test_time_and_hold_come_from_the_task_unless_they_are_given():
         EpisodeConfig(task="track", hold_s=1.0)
     with pytest.raises(UnknownNameError, match="available: ideal, ur5-cb, ur5-e"):
         EpisodeConfig(actuation="rocket")
+
+
+def test_tissue_moves_by_default_where_the_task_is_about_motion():
+    for task in TASKS:
+        config = EpisodeConfig(task=task)
+        assert config.task_config().motion == task_environment(task).default_config().motion
+        assert config.task_config().motion == BaseMotion.named(config.motion_name())
+    assert [EpisodeConfig(task=task).motion_name() for task in ("reach", "track", "look")] == ["still", "both", "breathing"]
+    assert EpisodeConfig(task="track", motion="still").motion_name() == "still"
+
+
+def test_default_optics_latency_and_trocar_are_those_of_the_loop():
+    assert EpisodeConfig().task_config().loop == LoopConfig()
+    loop = EpisodeConfig(optics="worst", transfer_latency_ns=60_000_000, trocar="none").task_config().loop
+    assert (loop.stripes, loop.transfer_ns, loop.trocar) == (PRESETS["worst"], 60_000_000, TrocarConfig.named("none"))
+    with pytest.raises(InvalidValueError, match="transfer_latency_ns is -1"):
+        EpisodeConfig(transfer_latency_ns=-1)
+
+
+def test_weights_that_do_not_fit_are_refused_before_anything_is_built(tmp_path):
+    with pytest.raises(InvalidValueError, match="'oracle' has nothing to load"):
+        run_episode(EpisodeConfig(perception="oracle", weights=tmp_path / "some.safetensors"))
+    with pytest.raises(MissingFileError, match="weights not found"):
+        run_episode(EpisodeConfig(weights=tmp_path / "none.safetensors"))
+    others = files("laploop.assets") / "weights" / "ssle-phase.safetensors"
+    with pytest.raises(WeightsError, match="holds weights of"):
+        run_episode(EpisodeConfig(weights=Path(str(others))))
+
+
+def test_given_weights_are_used():
+    shipped = Path(str(files("laploop.assets") / "weights" / "compact.safetensors"))
+    config = EpisodeConfig(weights=shipped, seconds=0.1)
+    assert run_episode(config)["depth_mae_mm"] == run_episode(replace(config, weights=None))["depth_mae_mm"]
+
+
+def test_prediction_can_be_switched_off(monkeypatch):
+    seen = []
+    monkeypatch.setattr(episode, "make_controller", lambda *arguments: seen.append(arguments[2]) or make_controller(*arguments))
+    for prediction in (None, "none"):
+        run_episode(EpisodeConfig(task="track", perception="oracle", prediction=prediction, seconds=0.05))
+    assert seen == [None, "none"]
+
+
+def test_summary_tells_what_the_limits_were_used_to():
+    summary = run_episode(EpisodeConfig(perception="oracle", seconds=0.4))
+    limits = summary["limits"]
+    # The tip sets off in the first 0.4 s, within its limits, far from everything.
+    assert 0.0 < limits["joint_speed_share"] < limits["command_speed_share"] <= 1.0
+    assert 0.0 < limits["command_acceleration_share"] <= 1.0
+    assert limits["shaft_room_mm"] > 10.0
+    assert limits["wall_room_mm"] > 10.0
+    assert limits["collision_steps"] == 0
+    assert summary["port_force_n"]["tool_max"] >= 0.0

@@ -9,7 +9,7 @@ import pytest
 
 from laploop.envs.base_motion import BaseMotion
 from laploop.envs.closed_loop import LoopConfig
-from laploop.envs.faults import Fault, FaultInjector, FaultKind
+from laploop.envs.faults import OUT_OF_REACH, Fault, FaultInjector, FaultKind
 from laploop.envs.perception_server import ServedFrame
 from laploop.envs.proprioception import ProprioceptiveReading
 from laploop.errors import InvalidValueError, UnknownNameError
@@ -88,6 +88,28 @@ def test_a_saturated_sensor_reads_its_full_scale():
     assert np.linalg.norm(injector.reading(silent, 1_500_000_000).contact_force_in_world) == 10.0
 
 
+def test_a_shaft_comes_to_rest_at_the_end_of_its_way_and_moves_freely_across_it():
+    injector = FaultInjector((Fault(kind="tissue-unreachable", start_s=1.0, end_s=2.0, room_m=0.003),))
+    axis = np.array([0.6, 0.0, -0.8])
+    across, deeper = np.array([0.8, 0.0, 0.6]), 0.06 * axis
+    assert injector.velocity(deeper, axis, 0.2, 0.008, 900_000_000) == (deeper, "")
+    insertion, speeds = 0.2, []
+    for tick in range(100):
+        possible, reason = injector.velocity(deeper + 0.01 * across, axis, insertion, 0.008, 1_000_000_000 + tick * 8_000_000)
+        assert possible @ across == pytest.approx(0.01)
+        speeds.append(float(possible @ axis))
+        insertion += 0.008 * speeds[-1]
+    assert reason == OUT_OF_REACH
+    assert 0.2029 < insertion <= 0.203  # metres: within a tenth of a millimetre of the stop
+    # It slows from the 55 mm/s that 3 mm allow, never by more than 1 m/s2.
+    assert speeds[0] == pytest.approx(np.sqrt(2.0 * 0.5 * 0.003))
+    assert np.abs(np.diff(speeds)).max() <= 0.008
+    back, reason = injector.velocity(-deeper, axis, insertion, 0.008, 1_900_000_000)
+    assert back is not None
+    np.testing.assert_allclose(back, -deeper)
+    assert reason == ""
+
+
 @pytest.mark.parametrize(
     ("changes", "error"),
     [
@@ -96,6 +118,7 @@ def test_a_saturated_sensor_reads_its_full_scale():
         ({"start_s": -1.0}, InvalidValueError),
         ({"full_scale_n": 0.0}, InvalidValueError),
         ({"radius_px": 0.0}, InvalidValueError),
+        ({"room_m": 0.0}, InvalidValueError),
     ],
 )
 def test_faults_that_make_no_sense_are_refused(changes, error):
@@ -120,6 +143,8 @@ def assert_harmless(infos):
     assert any(info["injected_faults"] for info in infos)
     assert max(info["contact_force_n"] for info in infos) <= 2.0
     assert max(max(info["rcm_error_mm"].values()) for info in infos) <= 1.0
+    for info in infos:
+        assert np.isfinite([info["contact_force_n"], info["target_error_mm"], *info["reward_terms"].values()]).all()
     assert infos[-1]["terminated_by"] in {"time", "success"}
 
 
@@ -173,6 +198,18 @@ def test_a_camera_that_has_lost_its_target_stands_still(task_env, run_task, kind
     # Still since 0.5 s after the target was seen last; the servos' rest is below a tenth of a mm/s.
     assert speed < 1e-3
     assert infos[-1]["in_view"]
+
+
+@pytest.mark.parametrize("task", ["track", "look"])
+def test_out_of_reach_the_moved_arm_slows_holds_and_says_why(task_env, run_task, task):
+    start_s = {"track": 0.75, "look": 0.3}[task]
+    _, infos = faulty(task_env, run_task, task, "tissue-unreachable", start_s, lasts_s=1.2, more_s=0.02)
+    assert_harmless(infos)
+    held = [info for info in infos if OUT_OF_REACH in info["status_reason"]]
+    assert held
+    assert all(info["status"] in {"limited", "held"} for info in held)
+    assert all("tissue-unreachable" in info["injected_faults"] for info in held[1:-1])
+    assert infos[-1]["terminated_by"] == "time"
 
 
 @pytest.mark.slow

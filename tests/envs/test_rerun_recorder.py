@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import mujoco
@@ -95,6 +96,7 @@ def tick_record(index):
         target_error_mm=10.0 / (1 + index),
         target_in_world=np.array([0.0, 0.0, 0.03 + 1e-4 * index]),
         rcm_error_mm={"camera": 0.01, "tool": 0.02},
+        port_force_n={"camera": 0.02, "tool": 0.04 * index},
         contact_force_n=0.1 * index,
         depth_age_ms=None if index < 10 else 48.0,
         stage_ms={"physics": 2.0, "control": 0.3},
@@ -160,6 +162,8 @@ def test_every_promised_entity_is_in_the_recording(tmp_path):
         "/plots/target_error_mm/target",
         "/plots/rcm_error_mm/camera",
         "/plots/rcm_error_mm/tool",
+        "/plots/port_force_n/camera",
+        "/plots/port_force_n/tool",
         "/plots/force_n/force",
         "/plots/depth_age_ms/age",
         "/plots/stage_ms/physics",
@@ -192,6 +196,16 @@ def test_poses_and_ticks_carry_their_simulated_times(tmp_path):
     force = column(tmp_path / "episode.rrd", "/plots/force_n/force", "Scalars:scalars")
     assert [time for time, _ in force] == [8_000_000 * index for index in range(15)]
     assert [value[0] for _, value in force] == pytest.approx([0.1 * index for index in range(15)])
+
+
+def test_port_forces_are_recorded_where_there_are_any(tmp_path):
+    record_episode(tmp_path / "episode.rrd", frames=3)
+    forces = column(tmp_path / "episode.rrd", "/plots/port_force_n/tool", "Scalars:scalars")
+    assert [value[0] for _, value in forces] == pytest.approx([0.04 * index for index in range(15)])
+    with RerunRecorder(tmp_path / "bare.rrd") as recorder:
+        recorder.begin(SmallTheatre(), RIG)
+        recorder.tick(replace(tick_record(0), port_force_n={}))
+    assert not column(tmp_path / "bare.rrd", "/plots/port_force_n/tool", "Scalars:scalars")
 
 
 def test_age_is_absent_before_the_first_depth_frame(tmp_path):

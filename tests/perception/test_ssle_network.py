@@ -112,6 +112,30 @@ def test_decoder_stays_in_the_range_of_tanh_and_mirrors_the_encoders_size():
     assert decoded.abs().max() <= 1.0
 
 
+def test_folding_keeps_every_pixel_and_the_layers_at_full_size_away():
+    torch.manual_seed(3)
+    config = VqVaeConfig(fold=4, base=8, multipliers=(1, 2), blocks=1, attention=False, latent=4, entries=16)
+    network = VqVae(config)
+    image = torch.rand(1, 1, 32, 24)
+    decoded, quantized = network(image)
+    assert config.shrink == 8
+    assert decoded.shape == (1, 1, 32, 24)
+    assert quantized.values.shape == (1, 4, 4, 3)
+    folded = network.encoder.layers[0](image)
+    assert folded.shape == (1, 16, 8, 6)
+    torch.testing.assert_close(folded[0, :, 2, 1].reshape(4, 4), image[0, 0, 8:12, 4:8])
+
+
+def test_estimate_from_codes_is_that_from_the_image():
+    torch.manual_seed(6)
+    network = SsleNetwork(SsleConfig.named("tiny", height=32, width=32)).eval()
+    image = torch.rand(2, 32, 32) * 255.0
+    indices = network.quantizer.lookup(network.encoder(image_to_unit(image)))
+    depth_mm = network.from_codes(network.quantizer.decode(indices)).depth_mm
+    # mm; the quantiser's way around the gradient rounds once more.
+    torch.testing.assert_close(depth_mm, network(image).depth_mm, rtol=0.0, atol=1e-2)
+
+
 def test_depth_range_maps_to_tanhs_and_back():
     depth = torch.tensor([[[0.0, 125.0, 250.0, float("nan"), 400.0]]])
     unit = depth_to_unit(depth, 250.0)

@@ -3,6 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 from safetensors.torch import load_file
 
 from laploop.assets.scope_optics import ScopeOptics
@@ -17,11 +18,14 @@ from laploop.perception.frame_store import FrameStore
 from laploop.perception.geometry import Rig
 from laploop.perception.networks.dual_unet import DualUNet, DualUNetConfig
 from laploop.perception.networks.ssle_network import SsleConfig, SsleNetwork
+from laploop.perception.networks.vq_vae import VqVae
 from laploop.perception.training.dual_unet import DualUNetTraining, train_dual_unet
 from laploop.perception.training.fit import Machine
 from laploop.perception.training.recipe import Schedule
-from laploop.perception.training.ssle import train_ssle
+from laploop.perception.training.samples import Samples, loader
+from laploop.perception.training.ssle import UNetRecipe, train_ssle
 from laploop.perception.training.ssle_settings import SsleLoss, SsleTraining
+from laploop.perception.training.stage_module import EpochWriter
 from laploop.perception.weights import save_weights
 
 OPTICS = ScopeOptics(width=64, height=64, mask=StripeMask(stripes=8))
@@ -89,6 +93,52 @@ def test_stages_leave_their_weights_and_resume_to_the_same_bits(dataset, tmp_pat
     assert (whole / "vq-image" / "vq-image.safetensors").is_file()
 
 
+def _kept(dataset, out, epochs=3, **changes):
+    """Train with two variants of each frame, whose codes are kept in memory."""
+    training = replace(SsleTraining.named("tiny"), variants=2, gain_range=0.15)
+    training = replace(training, unet=replace(training.unet, epochs=epochs))
+    return train_ssle(dataset, out, config=SSLE, training=training, machine=CPU, progress=False, **changes)
+
+
+def test_resuming_with_kept_codes_ends_in_the_same_bits(dataset, tmp_path, monkeypatch):
+    whole = load_file(_kept(dataset, tmp_path / "whole"))
+    derive, calls = UNetRecipe.derive, []
+
+    def count(recipe, sample):
+        calls.append(sample)
+        return derive(recipe, sample)
+
+    monkeypatch.setattr(UNetRecipe, "derive", count)
+    write = EpochWriter.on_train_epoch_end
+
+    def stop(writer, trainer, module):
+        write(writer, trainer, module)
+        if module.recipe.name == "ssle" and trainer.current_epoch == 1:
+            raise RuntimeError("stopped")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(EpochWriter, "on_train_epoch_end", stop)
+        with pytest.raises(RuntimeError, match="stopped"):
+            _kept(dataset, tmp_path / "parts")
+    assert len(calls) == 8 * 2 + 8  # two variants of the training frames, one of the validation frames, each once
+    again = load_file(_kept(dataset, tmp_path / "parts", resume=True))
+    assert all(value.equal(again[name]) for name, value in whole.items())
+
+
+def test_kept_codes_give_the_loss_of_the_frozen_layers(dataset):
+    training = replace(SsleTraining.named("tiny"), variants=1)
+    parts = VqVae(SSLE.image), VqVae(SSLE.depth)
+    recipe = UNetRecipe(SSLE, training, *parts, (torch.zeros(8), torch.ones(8)))
+    samples = Samples.read(dataset, "val", recipe)
+    batch = next(iter(loader(samples, recipe, training=False)))
+    assert batch["codes"].shape == batch["target_codes"].shape == (2, 32, 32)
+    plain = {name: value for name, value in batch.items() if "codes" not in name}
+    kept, anew = recipe.loss(batch, 0.5), recipe.loss(plain, 0.5)
+    torch.testing.assert_close(kept.total, anew.total, rtol=1e-4, atol=0.0)
+    for name, value in anew.parts.items():
+        torch.testing.assert_close(kept.parts[name], value, rtol=1e-4, atol=0.0)
+
+
 def test_only_the_unet_learns_in_the_last_stage_unless_the_decoder_is_freed(dataset, tmp_path):
     trained = load_file(_ssle(dataset, tmp_path / "out"))
     image = load_file(tmp_path / "out" / "vq-image" / "vq-image.safetensors")
@@ -109,6 +159,12 @@ def test_data_set_that_does_not_fit_is_refused(dataset, tmp_path):
         with pytest.raises(InvalidValueError, match=message):
             train_ssle(dataset, tmp_path / "out", config=kind, training=SsleTraining.named("tiny"), against=against)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("change", [{"variants": -1}, {"gain_range": -0.1}])
+def test_impossible_augmentation_is_refused(change):
+    with pytest.raises(InvalidValueError):
+        SsleTraining(**change)
 
 
 @pytest.mark.parametrize("change", [{"alpha": 1.5}, {"beta_end": -1.0}, {"commitment": float("nan")}])

@@ -17,6 +17,7 @@ STAGES = {
     "control tick",
     "control tick: targeting",
     "control tick: inverse kinematics",
+    "control tick: prediction",
     "stripe frame",
     "depth: oracle",
     "depth: phase",
@@ -30,7 +31,12 @@ SLOW_STAGES = {"reference capture, 2x2", "reprojection, full cloud"}
 def test_stage_gives_the_percentiles_in_milliseconds():
     stage = Stage.of("stripe frame", np.linspace(0.0, 0.1, 1001))
     assert (stage.p5_ms, stage.p50_ms, stage.p95_ms, stage.p99_ms) == pytest.approx((5.0, 50.0, 95.0, 99.0))
-    assert (stage.calls, stage.limit_ms) == (1001, 20.0)
+    assert (stage.calls, stage.limit_ms, stage.limit_p99_ms) == (1001, 20.0, None)
+
+
+def test_a_limit_of_the_slowest_hundredth_is_told_apart_from_one_of_the_median():
+    stage = Stage.of("control tick: prediction", [0.0003] * 100)
+    assert (stage.limit_ms, stage.limit_p99_ms) == (None, 0.6)
 
 
 @pytest.mark.parametrize("wrong", [{"calls": 1}, {"episodes": 0}, {"seconds": 0.0}])

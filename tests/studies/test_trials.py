@@ -25,6 +25,8 @@ def row_for(episode):
         "target_error_mm": {"final": 0.1 * (1 + episode.seed)},
         "contact_force_n": {"max": 0.5},
         "rcm_error_mm": {"camera_max": 0.01, "tool_max": 0.1 * episode.seed},
+        "port_force_n": {"camera_max": 0.02, "tool_max": 0.1 * episode.seed},
+        "limits": {"shaft_room_mm": 30.0 - episode.seed},
         "depth_mae_mm": 0.5,
         "depth_valid_fraction": 0.9,
         "real_time_factor": 0.5,
@@ -157,7 +159,9 @@ def test_summary_adds_rows_up(tmp_path):
     assert summary["terminated_by"] == {"success": 2, "time": 2, "error": 1}
     assert summary["final_error_mm"] == pytest.approx({"mean": 0.25, "median": 0.25, "p95": 0.385, "max": 0.4})
     assert summary["rcm_error_mm"] == pytest.approx({"camera_max": 0.01, "tool_max": 0.3})
-    assert as_csv(rows).splitlines()[0] == ",".join(COLUMNS)
+    assert summary["port_force_n"]["max"] == pytest.approx(0.3)
+    assert summary["limits"]["shaft_room_mm"] == {"mean": 28.5, "min": 27.0, "max": 30.0}
+    assert as_csv(rows).splitlines()[0] == ",".join((*COLUMNS, "shaft_room_mm"))
     assert "Success 40.0 %" in as_markdown([*rows, failed], summary)
     draw_trials([*rows, failed], "title", tmp_path / "trials.png")
     assert (tmp_path / "trials.png").read_bytes().startswith(b"\x89PNG")
@@ -172,9 +176,9 @@ def test_a_tasks_own_metrics_are_added_up_and_become_columns():
     summary = summarise(rows)
     assert summary["metrics"]["standoff_rms_mm"] == pytest.approx({"mean": 0.3, "min": 0.2, "max": 0.4})
     header, first, *_, last = as_csv(rows).splitlines()
-    assert header.endswith(",standoff_rms_mm")
-    assert first.endswith(",0.2")
-    assert last.endswith(",")
+    assert header.endswith(",standoff_rms_mm,shaft_room_mm")
+    assert first.endswith(",0.2,30.0")
+    assert last.endswith(",,28.0")
     assert "| standoff_rms_mm | 0.3 | 0.2 | 0.4 |" in as_markdown(rows, summary)
     assert summarise([never_began])["metrics"]["standoff_rms_mm"]["mean"] is None
 
