@@ -45,27 +45,32 @@ test-slow: $(STAMP)
 bench: $(STAMP)
 	$(BIN)/laploop bench --out runs/bench
 
-# The numbers of the README, measured anew with the shipped weights: about an hour on two cores.
+# The numbers of the README, measured anew with the shipped weights: a few hours on two cores.
 RESULTS := docs/results
 FRAMES ?= runs/frames
 PAIRS ?= runs/pairs
+NETWORKS := ssle-phase ssle dual-unet compact
+MODELS := $(NETWORKS) phase
 
 results: $(STAMP)
 	mkdir -p $(RESULTS)
-	for estimator in oracle phase compact; do for motion in still breathing; do \
-	  $(BIN)/laploop trials --perception $$estimator --motion $$motion --seeds 30 --workers 2 --out runs/trials-$$estimator-$$motion \
+	$(BIN)/laploop tasks --seeds 30 --workers 2 --out runs/tasks && cp runs/tasks/summary.json $(RESULTS)/tasks.json
+	for estimator in oracle $(MODELS); do for motion in still breathing; do \
+	  $(BIN)/laploop trials --perception $$estimator --motion $$motion --seeds 10 --workers 2 --out runs/trials-$$estimator-$$motion \
 	  && cp runs/trials-$$estimator-$$motion/summary.json $(RESULTS)/trials-$$estimator-$$motion.json || exit 1; done; done
-	for motion in still breathing; do \
-	  $(BIN)/laploop trials --perception ssle-phase --motion $$motion --seeds 10 --workers 2 --out runs/trials-ssle-phase-$$motion \
-	  && cp runs/trials-ssle-phase-$$motion/summary.json $(RESULTS)/trials-ssle-phase-$$motion.json || exit 1; done
 	$(BIN)/laploop synthesize --out $(FRAMES)
 	$(BIN)/laploop evaluate --dataset $(FRAMES) --models phase compact --out runs/depth && cp runs/depth/depth.json assets/weights/compact.json
 	$(BIN)/laploop characterize --out runs/characterization && cp runs/characterization/summary.json $(RESULTS)/characterization.json
 	$(BIN)/laploop calibrate --views 20 --out runs/calibration && cp runs/calibration/summary.json $(RESULTS)/calibration.json
 	$(BIN)/laploop collect --pairs 722 --out $(PAIRS) && cp $(PAIRS)/summary.json $(RESULTS)/collection.json
-	$(BIN)/laploop evaluate --dataset $(PAIRS) --models ssle-phase compact phase --against both --out runs/pairs-depth \
+	$(BIN)/laploop evaluate --dataset $(PAIRS) --models $(MODELS) --against both --out runs/pairs-depth \
 	  && cp runs/pairs-depth/depth.json $(RESULTS)/depth-pairs.json
-	$(BIN)/laploop speed --model compact --out runs/speed-compact && cp runs/speed-compact/summary.json $(RESULTS)/speed-compact.json
+	$(BIN)/laploop evaluate --dataset $(PAIRS) --models $(MODELS) --against both --residual-mm 1 --residual-deg 0.15 \
+	  --out runs/pairs-residual && cp runs/pairs-residual/summary.json $(RESULTS)/depth-pairs-residual.json
+	$(BIN)/laploop evaluate --dataset $(FRAMES) --models ssle-phase compact phase --robustness --out runs/robustness \
+	  && cp runs/robustness/summary.json $(RESULTS)/robustness.json
+	for model in $(NETWORKS); do $(BIN)/laploop speed --model $$model --out runs/speed-$$model \
+	  && cp runs/speed-$$model/summary.json $(RESULTS)/speed-$$model.json || exit 1; done
 	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
 	$(BIN)/python -P -m laploop.studies.results_page $(RESULTS) README.md
 

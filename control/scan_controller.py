@@ -27,7 +27,7 @@ class ScanPhase(StrEnum):
     SCAN = "scan"
     """Along the path."""
     DONE = "done"
-    """Over the end of the path, at the stand-off."""
+    """Beyond the end of the path, at the stand-off."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +46,9 @@ class ScanControllerConfig:
     """With an error up to this the scan goes on at full speed."""
     waiting_error_m: float = 0.002
     """With an error from this on it waits for the tip."""
+    overrun_m: float = 0.002
+    """So far it goes on beyond the end. A normal 10 degrees off puts a tip at the stand-off 0.8 mm off along the
+    path; without going on, the last of the path might then never be under the tip."""
     min_seen_share: float = 0.8
     """Share of the path's pixels that a frame must show for the path to be laid."""
 
@@ -175,8 +178,9 @@ class ScanController:
             speed = config.scan_speed_mps * min(max(share, 0.0), 1.0)
             ahead = path.above(self._along + 0.001, radius + lowered) - path.above(self._along, radius + lowered)
             feed_forward = feed_forward + 1e3 * speed * ahead
-            self._along = min(self._along + speed * elapsed, path.length_m)
-            if self._along >= path.length_m:
+            end = path.length_m + config.overrun_m
+            self._along = min(self._along + speed * elapsed, end)
+            if self._along >= end:
                 self._phase = ScanPhase.DONE
         return motion.bounded(feed_forward + motion.back(way, lead_ns=state.lead_ns))
 

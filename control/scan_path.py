@@ -15,6 +15,9 @@ _SMOOTHING_M = 0.002
 _EXPECTED_SPREAD_M = 1e-4
 """Of points from a good fit: a place with a larger one says less than its neighbours."""
 
+_END_M = 0.006
+"""Length of the end of the path whose direction says where it would go on."""
+
 
 class ScanPath:
     """Points and normals along a line on the surface, by arc length, in the camera's frame of the frame that showed them.
@@ -46,10 +49,17 @@ class ScanPath:
         return float(self._along[-1])
 
     def place(self, along_m: float) -> tuple[Array, Array]:
-        """Return point and unit normal, each (3,), at an arc length; the ends beyond them."""
+        """Return point and unit normal, each (3,), at an arc length; beyond an end, straight on along the surface there."""
         point = np.array([np.interp(along_m, self._along, self._points[:, axis]) for axis in range(3)])
         normal = np.array([np.interp(along_m, self._along, self._normals[:, axis]) for axis in range(3)])
-        return point, unit(normal)
+        normal = unit(normal)
+        beyond = max(along_m - self.length_m, 0.0) + min(along_m, 0.0)
+        if beyond != 0.0:
+            within = min(_END_M, self.length_m)
+            inner = self.length_m - within if beyond > 0.0 else within
+            chord = np.sign(beyond) * (point - self.place(inner)[0])
+            point = point + beyond * unit(chord - (chord @ normal) * normal)
+        return point, normal
 
     def above(self, along_m: float, height_m: float) -> Array:
         """Return the point (3,) at a height over the path along its normal."""

@@ -42,6 +42,8 @@ class ScanConfig(TaskConfig):
 
     rewards: ScanRewardWeights = field(default_factory=ScanRewardWeights)
     path: PathChoiceConfig = field(default_factory=PathChoiceConfig)
+    scope_distance_m: float | None = 0.080
+    """Near, where depth is best; 92 mm of tissue are in view there."""
     max_seconds: float = 30.0
     standoff_m: float = 0.003
     """Between the ball end and the tissue."""

@@ -30,6 +30,8 @@ class TaskConfig:
     loop: LoopConfig = field(default_factory=LoopConfig)
     target: TargetChoiceConfig = field(default_factory=TargetChoiceConfig)
     tissue: TissueConfig = field(default_factory=TissueConfig)
+    scope_distance_m: float | None = None
+    """From the scope's tip to the mean height of the tissue at rest, 55 to 150 mm; None draws it from 75 to 105 mm."""
     tissue_seed: int | None = None
     """Seed of the tissue; None takes the seed of `reset`, and draws a new one where that is None too."""
     action_mode: ActionMode = "tip-velocity"

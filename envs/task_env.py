@@ -194,6 +194,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             travel=self.config.travel,
             actuation=self.config.loop.actuation,
             trocar=self.config.loop.trocar,
+            working_distance_m=self.config.scope_distance_m,
             tissue=self.config.tissue,
             timestep_s=rates.physics_s,
             control_period_s=rates.control_s,

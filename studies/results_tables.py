@@ -63,14 +63,16 @@ def residual_table(summary: Mapping[str, Any], calibrated: Mapping[str, Any]) ->
         f"The same with an error of {config['residual_mm']:g} mm and {config['residual_deg']:g} degrees put into the transform",
         "between the two cameras, in directions that a seed draws: how much of a depth error is the reference's.",
         "",
-        "| model | MAE as calibrated | MAE with the error | MAE against exact depth |",
-        "|---|---|---|---|",
+        "| model | MAE as calibrated | MAE with the error | AbsRel | Acc(1.1) | Acc(1.1²) | MAE against exact depth |",
+        "|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {_name(model)} | {_mm(before.get(model))} | {_mm(after[model])} | {_mm(exact.get(model))} |" for model in after
+        f"| {_name(model)} | {_mm(before.get(model))} | {_mm(row)} | {row['abs_rel']:.4f} | {row['acc_1_1']:.4f} | "
+        f"{row['acc_1_21']:.4f} | {_mm(exact.get(model))} |"
+        for model, row in after.items()
     ]
     if "reference" in exact:
-        lines.append(f"| the reference camera itself | | | {_mm(exact['reference'])} |")
+        lines.append(f"| the reference camera itself | | | | | | {_mm(exact['reference'])} |")
     return "\n".join(lines)
 
 

@@ -80,10 +80,7 @@ _BASELINES: dict[str, Factory] = {name: _make_monocular(name) for name in ("dpt"
 BASELINE_NAMES: tuple[str, ...] = tuple(_BASELINES)
 """Public networks that laploop measures itself against; their weights are a folder."""
 
-UNTRAINED_NAMES = ("ssle", "dual-unet")
-"""Networks without shipped weights: `laploop train` makes them."""
-
-ESTIMATOR_NAMES: tuple[str, ...] = tuple(name for name in _FACTORIES if name not in UNTRAINED_NAMES)
+ESTIMATOR_NAMES: tuple[str, ...] = tuple(_FACTORIES)
 """The estimators that laploop brings, ready to run."""
 
 

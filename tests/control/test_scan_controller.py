@@ -37,7 +37,12 @@ def test_still_tissue_is_scanned_to_the_end(rig, plant):
     off = np.linalg.norm(pixels[:, None] - plant.path[None], axis=2)
     # Pixels: 0.6 mm, as a chord of the circle is off between its ends, and one for where the scan begins and ends.
     assert off.min(axis=0)[1:-1].max() < 1.5
-    assert off.min(axis=1).max() < 3.0
+    beyond = off.argmin(axis=1) == len(off[0]) - 1
+    assert off.min(axis=1)[~beyond].max() < 3.0
+    # It goes on beyond the end, by a length that is told, on the surface: a tenth of it for the last control periods.
+    end = rig.camera.unproject(plant.path[-1], 1.0)
+    end *= (plant.normal @ feet[-1]) / (plant.normal @ end)
+    np.testing.assert_allclose(np.linalg.norm(feet[-1] - end), ScanControllerConfig().overrun_m, rtol=0.1)
 
 
 def test_breathing_and_beating_tissue_is_scanned_at_the_standoff(rig, plant, breathing):
@@ -107,6 +112,7 @@ def test_missing_or_bad_path_is_named(rig, plant, path):
     ("options", "name"),
     [
         ({"waiting_error_m": 0.0001}, "waiting_error_m"),
+        ({"overrun_m": 0.0}, "overrun_m"),
         ({"standoff_m": 0.02}, "standoff_m"),
         ({"min_seen_share": 2.0}, "share"),
     ],
@@ -123,6 +129,17 @@ def test_path_is_measured_along_the_surface():
     assert path.length_m == pytest.approx(0.015)
     np.testing.assert_allclose(path.place(0.01)[0], [0.003, 0.005, 0.104])
     np.testing.assert_allclose(path.above(0.0, 0.002), [0.0, 0.0, 0.098])
-    np.testing.assert_allclose(path.place(1.0)[0], corners[-1])
     with pytest.raises(InvalidValueError, match="2 or more"):
         ScanPath([])
+
+
+def test_path_goes_on_straight_along_the_surface_beyond_its_ends():
+    tilted = np.array([0.0, -0.6, -0.8])
+    along = np.array([0.0, 0.8, -0.6])
+    path = ScanPath(
+        [SurfacePatch(point=[0.0, 0.0, 0.1] + step * along, normal=tilted, spread_m=0.0) for step in (0.0, 0.004, 0.01)]
+    )
+    for beyond, expected in ((0.012, 0.012), (-0.003, -0.003)):
+        point, normal = path.place(beyond)
+        np.testing.assert_allclose(point, [0.0, 0.0, 0.1] + expected * along, atol=1e-12)
+        np.testing.assert_allclose(normal, tilted)

@@ -64,6 +64,23 @@ def test_a_path_leaves_out_what_is_not_lit():
         assert path[:, 0].min() >= 99.0
 
 
+def test_of_several_lines_the_least_steep_is_taken():
+    # Tissue that leans by 35 degrees left of the middle, which still qualifies, and faces the camera right of it.
+    capture = view(90.0)
+    lean = np.deg2rad(35.0)
+    capture.normals = capture.normals.copy()
+    capture.normals[:, :128] = [np.sin(lean), 0.0, -np.cos(lean)]
+
+    def lines_on_the_flank(candidates):
+        config = PathChoiceConfig(candidates=candidates)
+        return sum(
+            choose_path_pixels(capture, CAMERA, TROCAR, np.random.default_rng(seed), config)[:, 0].min() < 126.0
+            for seed in range(8)
+        )
+
+    assert lines_on_the_flank(8) < lines_on_the_flank(1)
+
+
 def test_the_same_seed_draws_the_same_path_and_another_one_another():
     paths = [
         choose_path_pixels(view(90.0), CAMERA, TROCAR, np.random.default_rng(seed), PathChoiceConfig()) for seed in (0, 0, 1)
@@ -88,7 +105,7 @@ def test_even_spacing_counts_length_on_the_surface():
     np.testing.assert_allclose(np.interp(even[:, 0], path[:, 0], along), np.linspace(0.0, along[-1], 20), atol=1e-9)
 
 
-@pytest.mark.parametrize("changes", [{"length_m": 1.0}, {"spacing_m": 0.02}, {"max_turn_rad": 2.0}])
+@pytest.mark.parametrize("changes", [{"length_m": 1.0}, {"spacing_m": 0.02}, {"max_turn_rad": 2.0}, {"candidates": 0}])
 def test_impossible_paths_are_refused(changes):
     with pytest.raises(InvalidValueError, match=next(iter(changes))):
         PathChoiceConfig(**changes)

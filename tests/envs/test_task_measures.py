@@ -89,7 +89,7 @@ def test_palpation_of_an_impossible_force_is_refused(task_env, changes):
 
 def test_a_short_scan_is_followed_to_its_end(task_env, run_task):
     env = task_env("scan", path=PathChoiceConfig(length_m=0.012), max_seconds=8.0)
-    infos = run_task(env, seed=3)
+    infos = run_task(env, seed=4)
     last, metrics = infos[-1], env.metrics()
     assert (last["terminated_by"], last["success"]) == ("success", True)
     progress = np.array([info["path_progress"] for info in infos])
@@ -103,6 +103,14 @@ def test_a_short_scan_is_followed_to_its_end(task_env, run_task):
     assert metrics["standoff_rms_mm"] < 1.0
     assert metrics["path_length_mm"] == pytest.approx(12.0, abs=0.5)
     assert sum(info["reward_terms"]["progress"] for info in infos) == pytest.approx(metrics["path_length_mm"], abs=0.6)
+
+
+@pytest.mark.parametrize(("changes", "distance_m"), [({}, 0.080), ({"scope_distance_m": 0.1}, 0.1)])
+def test_a_scan_starts_at_the_distance_that_is_asked_for(task_env, changes, distance_m):
+    env = task_env("scan", **changes)
+    for seed in (3, 4):
+        env.reset(seed=seed)
+        assert env.loop.theatre.working_distance_m == distance_m
 
 
 def test_a_path_can_be_drawn_by_hand(task_env):

@@ -10,7 +10,6 @@ from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.estimators.registry import (
     ESTIMATOR_NAMES,
-    UNTRAINED_NAMES,
     estimator_names,
     make_estimator,
     register,
@@ -53,14 +52,6 @@ def test_weights_for_an_estimator_without_any_are_refused(rig, tmp_path, name):
 def test_missing_weights_are_a_missing_file(rig, tmp_path):
     with pytest.raises(MissingFileError, match=r"w\.safetensors"):
         make_estimator("compact", rig, tmp_path / "w.safetensors")
-
-
-@pytest.mark.parametrize("name", UNTRAINED_NAMES)
-def test_networks_without_shipped_weights_say_how_to_get_some(rig, name):
-    assert name in estimator_names()
-    assert name not in ESTIMATOR_NAMES
-    with pytest.raises(MissingFileError, match=rf"{name}\.safetensors.*laploop train"):
-        make_estimator(name, rig)
 
 
 def test_asking_for_phase_does_not_load_torch():

@@ -72,8 +72,8 @@ def test_short_training_overfits_eight_frames_to_under_a_millimetre(dataset, tmp
 
 @pytest.mark.slow
 def test_all_stages_of_ssle_overfit_eight_frames_to_under_a_millimetre(dataset, tmp_path):
-    vq = Schedule(epochs=60, batch=4, learning_rate=3e-3, final_learning_rate=1e-5, per_step=True)
-    unet = Schedule(epochs=150, batch=4, learning_rate=3e-3, final_learning_rate=1e-5, per_step=True, clip_norm=5.0)
+    vq = Schedule(epochs=100, batch=4, learning_rate=3e-3, final_learning_rate=1e-5, per_step=True)
+    unet = Schedule(epochs=300, batch=4, learning_rate=3e-3, final_learning_rate=1e-5, per_step=True, clip_norm=5.0)
     training = SsleTraining(vq=vq, unet=unet, tune_decoder=True)
     train_ssle(dataset, tmp_path / "out", config=SSLE, training=training, machine=CPU, progress=False)
     assert _last_mae_mm(tmp_path / "out") < 1.0  # mm, the frames that were learned

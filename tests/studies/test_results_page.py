@@ -48,7 +48,8 @@ def test_depth_table_tells_valid_pixels_first_and_leaves_out_what_is_not_against
 
 
 def depth_row(model, against, mae_mm):
-    return {"model": model, "against": against, "working_distance_mm": "all", "mae_mm": mae_mm}
+    shares = {"abs_rel": 0.02, "acc_1_1": 0.99, "acc_1_21": 0.999}
+    return {"model": model, "against": against, "working_distance_mm": "all", "mae_mm": mae_mm, **shares}
 
 
 RESIDUAL = {
@@ -121,8 +122,8 @@ def test_tasks_show_what_was_measured_and_asked():
 def test_an_injected_calibration_error_stands_beside_what_was_measured_without():
     table = residual_table(RESIDUAL, {"rows": [depth_row("compact", "zivid", 0.9)]})
     assert "an error of 1 mm and 0.15 degrees" in table
-    assert "| `compact` | 0.90 mm | 2.50 mm | 0.75 mm |" in table
-    assert "| the reference camera itself | | | 2.00 mm |" in table
+    assert "| `compact` | 0.90 mm | 2.50 mm | 0.0200 | 0.9900 | 0.9990 | 0.75 mm |" in table
+    assert "| the reference camera itself | | | | | | 2.00 mm |" in table
 
 
 def test_robustness_and_speed_have_a_line_each():
