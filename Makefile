@@ -69,7 +69,7 @@ results: $(STAMP)
 	  --out runs/pairs-residual && cp runs/pairs-residual/summary.json $(RESULTS)/depth-pairs-residual.json
 	$(BIN)/laploop evaluate --dataset $(FRAMES) --models ssle-phase compact phase --robustness --out runs/robustness \
 	  && cp runs/robustness/summary.json $(RESULTS)/robustness.json
-	for model in $(NETWORKS); do $(BIN)/laploop speed --model $$model --out runs/speed-$$model \
+	for model in $(NETWORKS); do $(BIN)/laploop speed --model $$model --threads 1 --out runs/speed-$$model \
 	  && cp runs/speed-$$model/summary.json $(RESULTS)/speed-$$model.json || exit 1; done
 	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
 	$(BIN)/python -P -m laploop.studies.results_page $(RESULTS) README.md

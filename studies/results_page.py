@@ -44,7 +44,7 @@ def results_markdown(folder: Path) -> str:
     sections = [
         _trials_table(trials),
         tasks_table(tasks) if tasks else None,
-        _depth_table(_read(DEPTH)),
+        _depth_table(robustness or _read(DEPTH)),
         _pairs_table(pairs),
         residual_table(residual, pairs) if residual else None,
         robustness_table(robustness) if robustness else None,

@@ -106,7 +106,8 @@ def speed_table(summaries: Sequence[Mapping[str, Any]]) -> str:
     for summary in summaries:
         config, machine = summary["config"]["speed"], summary["machine"]
         how = " ".join(part for part in (summary["backend"], summary["precision"]) if part)
-        where = f"{machine['usable_cores']} cores, {machine['cpu']}" if config["device"] == "cpu" else machine["gpu"]
+        threads = f", {config['threads']} used" if config["threads"] else ""
+        where = f"{machine['usable_cores']} cores{threads}, {machine['cpu']}" if config["device"] == "cpu" else machine["gpu"]
         lines.append(
             f"| {_name(config['model'])} | {how} | {config['frames']} | {summary['p50_ms']:.1f} ms | "
             f"{summary['p99_ms']:.1f} ms | {summary['max_ms']:.1f} ms | {summary['hz']:.1f} Hz | {where} |"

@@ -77,7 +77,7 @@ ROBUSTNESS = {
     ]
 }
 SPEED = {
-    "config": {"speed": {"model": "compact", "device": "cpu", "frames": 301}},
+    "config": {"speed": {"model": "compact", "device": "cpu", "frames": 301, "threads": 1}},
     "machine": {"usable_cores": 2, "cpu": "a processor", "gpu": None},
     "backend": "torch",
     "precision": "bf16",
@@ -128,7 +128,7 @@ def test_an_injected_calibration_error_stands_beside_what_was_measured_without()
 
 def test_robustness_and_speed_have_a_line_each():
     assert "| `compact` | half power | 0.76 mm | 1.13 | 0.68 mm | 1.13 | 91 % | 0.51 mm |  |" in robustness_table(ROBUSTNESS)
-    line = "| `compact` | torch bf16 | 301 | 12.3 ms | 15.0 ms | 20.0 ms | 80.0 Hz | 2 cores, a processor |"
+    line = "| `compact` | torch bf16 | 301 | 12.3 ms | 15.0 ms | 20.0 ms | 80.0 Hz | 2 cores, 1 used, a processor |"
     assert line in speed_table([SPEED])
 
 
