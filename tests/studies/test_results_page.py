@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from laploop.errors import InvalidValueError, MissingFileError
-from laploop.studies.results_page import BEGIN, END, _depth_table, main, results_markdown, with_results
+from laploop.studies.results_page import BEGIN, DEPTH, END, _depth_table, main, results_markdown, with_results
 from laploop.studies.results_tables import residual_table, robustness_table, speed_table, tasks_table
 from laploop.studies.task_table import summarise_tasks
 
@@ -138,7 +138,8 @@ def test_sections_appear_with_their_files(tmp_path):
     for name in ("depth-pairs", "characterization", "calibration", "collection", "bench", "trials-oracle-still"):
         shutil.copy(ROOT / "docs" / "results" / f"{name}.json", folder)
     without = results_markdown(folder)
-    extra = {"tasks": tasks_summary(), "depth-pairs-residual": RESIDUAL, "robustness": ROBUSTNESS, "speed-compact": SPEED}
+    extra = {"tasks": tasks_summary(), "depth-pairs-residual": RESIDUAL, "speed-compact": SPEED}
+    extra["robustness"] = json.loads(DEPTH.read_text()) | ROBUSTNESS
     for name, summary in extra.items():
         (folder / f"{name}.json").write_text(json.dumps(summary))
     block = results_markdown(folder)
