@@ -11,7 +11,8 @@ import tyro
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder, plain
 from laploop.cli.parsing import parse
-from laploop.studies.bench import BenchConfig, as_csv, as_markdown, run_bench
+from laploop.studies.bench import BenchConfig, run_bench
+from laploop.studies.bench_result import as_csv, as_markdown
 from laploop.studies.machine import describe_machine
 
 

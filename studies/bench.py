@@ -1,10 +1,8 @@
 """How long every stage of the loop takes on this machine."""
 
-import csv
-import io
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,20 +36,7 @@ from laploop.perception.estimators.registry import make_estimator
 from laploop.perception.geometry import Rig, invert_transform
 from laploop.perception.messages import DepthFrame, StripeFrame
 from laploop.perception.reprojection import reproject
-
-LIMITS_MS: Mapping[str, float] = {
-    "stripe frame": 20.0,
-    "depth: compact": 40.0,
-    "control tick": 0.5,
-    "reference capture, 2x2": 1500.0,
-    "reprojection, full cloud": 500.0,
-}
-"""What the loop, and the collection of a data set, ask of a machine with two cores: of the median."""
-
-LIMITS_P99_MS: Mapping[str, float] = {"control tick: prediction": 0.6}
-"""What is asked of the 99th percentile."""
-
-LIMIT_REAL_TIME_FACTOR = 0.3
+from laploop.studies.bench_result import BenchResult, Stage
 
 _WARM_UP_CALLS = 10
 _PRESS_TICKS, _PRESS_MPS = 25, 0.005
@@ -89,62 +74,6 @@ class BenchConfig:
             if not least <= getattr(self, name) <= most:
                 raise InvalidValueError(name, getattr(self, name), f"{least} to {most}")
         EpisodeConfig(perception=self.perception, seed=self.seed, seconds=self.seconds)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Stage:
-    """Wall-clock time of a stage, in milliseconds a call."""
-
-    name: str
-    calls: int
-    p5_ms: float
-    p50_ms: float
-    p95_ms: float
-    p99_ms: float
-    limit_ms: float | None
-    """For the median; None where nothing is asked."""
-    limit_p99_ms: float | None
-    """For the 99th percentile."""
-
-    @classmethod
-    def of(cls, name: str, seconds: Sequence[float] | NDArray[np.float64]) -> "Stage":
-        """Make it from the durations of all calls."""
-        p5, p50, p95, p99 = np.percentile(np.asarray(seconds) * 1e3, [5, 50, 95, 99])
-        return cls(
-            name=name,
-            calls=len(seconds),
-            p5_ms=float(p5),
-            p50_ms=float(p50),
-            p95_ms=float(p95),
-            p99_ms=float(p99),
-            limit_ms=LIMITS_MS.get(name),
-            limit_p99_ms=LIMITS_P99_MS.get(name),
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class BenchResult:
-    """All that was measured."""
-
-    stages: tuple[Stage, ...]
-    episodes: tuple[Mapping[str, Any], ...]
-    """Summaries of the whole episodes."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain data: `stages`, `loop` (real-time factor, and what a simulated second is spent on), `episodes`."""
-        factors = [episode["real_time_factor"] for episode in self.episodes]
-        return {
-            "stages": [asdict(stage) for stage in self.stages],
-            "loop": {
-                "real_time_factor": {"median": float(np.median(factors)), "min": min(factors), "max": max(factors)},
-                "limit_real_time_factor": LIMIT_REAL_TIME_FACTOR,
-                "stage_ms": {
-                    stage: float(np.median([episode["stage_ms"][stage] for episode in self.episodes]))
-                    for stage in self.episodes[0]["stage_ms"]
-                },
-            },
-            "episodes": list(self.episodes),
-        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -367,39 +296,3 @@ def _timed(seconds: list[float], call: Callable[..., Any], *arguments: Any) -> A
     result = call(*arguments)
     seconds.append(time.perf_counter() - begin)
     return result
-
-
-def as_csv(result: BenchResult) -> str:
-    """Write the stages as CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=[item.name for item in fields(Stage)], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(stage) for stage in result.stages)
-    return text.getvalue()
-
-
-def as_markdown(result: BenchResult, machine: Mapping[str, Any]) -> str:
-    """Write machine, stages and loop as Markdown."""
-    lines = [
-        (
-            f"Measured on {machine['cpu']}, {machine['usable_cores']} cores, {machine['memory_gib']} GiB, "
-            f"{machine['system']}; load before the measurement {machine['load_1min']}."
-        ),
-        "",
-        "| stage | calls | 5 % [ms] | median [ms] | 95 % [ms] | 99 % [ms] | asked of the median [ms] | of the 99 % [ms] |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for stage in result.stages:
-        numbers = " | ".join(f"{value:.3f}" for value in (stage.p5_ms, stage.p50_ms, stage.p95_ms, stage.p99_ms))
-        asked = " | ".join("" if limit is None else f"{limit:g}" for limit in (stage.limit_ms, stage.limit_p99_ms))
-        lines.append(f"| {stage.name} | {stage.calls} | {numbers} | {asked} |")
-    loop = result.as_dict()["loop"]
-    factor = loop["real_time_factor"]
-    lines += [
-        "",
-        (
-            f"The whole loop runs at {factor['median']:.2f} of real time without a recording ({factor['min']:.2f} to "
-            f"{factor['max']:.2f} in {len(result.episodes)} episodes; asked: {LIMIT_REAL_TIME_FACTOR:g})."
-        ),
-    ]
-    return "\n".join(lines) + "\n"

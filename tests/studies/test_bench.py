@@ -7,7 +7,8 @@ import pytest
 from laploop.cli.main import main
 from laploop.envs.episode import EpisodeConfig
 from laploop.errors import InvalidValueError, UnknownNameError
-from laploop.studies.bench import BenchConfig, Stage
+from laploop.studies.bench import BenchConfig
+from laploop.studies.bench_result import Stage
 from laploop.studies.machine import describe_machine
 
 STAGES = {

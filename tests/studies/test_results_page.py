@@ -19,12 +19,12 @@ def test_the_readme_shows_what_the_committed_summaries_say():
 
 def test_only_the_block_is_replaced(tmp_path):
     readme = tmp_path / "README.md"
-    readme.write_text(f"above\n{BEGIN}\nold\n{END}\nbelow\n")
+    readme.write_text(f"above\n{BEGIN}\nsuperseded\n{END}\nbelow\n")
     main([str(ROOT / "docs" / "results"), str(readme)])
     text = readme.read_text()
     assert text.startswith(f"above\n{BEGIN}\n")
     assert text.endswith(f"{END}\nbelow\n")
-    assert "old" not in text
+    assert "superseded" not in text
     assert "| `compact` |" in text
 
 
