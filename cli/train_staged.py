@@ -34,7 +34,7 @@ class StagedArguments:
     out: Path
     """Folder to write to; made where it does not exist."""
     size: Literal["paper", "small", "tiny"] = "small"
-    """`paper` with the paper's schedule, `small` for one CPU core and 22 to 40 minutes, `tiny` for a try. `ssle-phase` has
+    """`paper` with the paper's schedule, `small` for one CPU core and an hour, `tiny` for a try. `ssle-phase` has
     one size."""
     against: Literal["exact", "zivid"] = "exact"
     """Which depth to learn: the simulator's, or that of the reference camera after calibration and reprojection."""

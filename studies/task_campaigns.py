@@ -178,7 +178,7 @@ def _track(rms_mm: float, without: str) -> tuple[Check, ...]:
     return (
         Check(name=along, column="normal_rms_mm", unit="mm", statistic="rms", at_most=rms_mm),
         Check(name=across, column="lateral_rms_mm", unit="mm", statistic="rms"),
-        Check(name="times that without prediction", column="normal_rms_mm", statistic="rms", at_least=3.0, relative_to=without),
+        Check(name=f"gain over {without}", column="normal_rms_mm", statistic="rms", at_least=3.0, relative_to=without),
     )
 
 
