@@ -12,6 +12,7 @@ from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
 from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.datasets import DepthDataset, open_dataset
+from laploop.perception.joined_dataset import JoinedDataset
 from laploop.perception.training.fit import Machine, require_lightning
 from laploop.perception.training.recipe import Schedule
 
@@ -23,14 +24,15 @@ class StagedArguments:
     """Train a depth network through Lightning, on rendered frames or on collected pairs.
 
     Writes the weights, a checkpoint and `log.csv` after every epoch, TensorBoard files, and `summary.json` at the end.
-    `ssle` has three stages: the VQ-VAEs of images and of depths, in folders of their own, then the U-Net. When it was stopped,
-    the same command with `--resume` goes on after the last whole epoch. Whatever is left out is what the size says.
+    `ssle` has three stages: the VQ-VAEs of images and of depths, in folders of their own, then the U-Net; `ssle-phase` has two,
+    the reader of the phase, in a folder of its own, then the refiner. When it was stopped, the same command with `--resume`
+    goes on after the last whole epoch. Whatever is left out is what the size says.
     """
 
     model: Literal["ssle", "dual-unet", "ssle-phase"]
     """Which network."""
-    dataset: Path
-    """Folder that `laploop synthesize` or `laploop collect` wrote, or the data set in it."""
+    dataset: tuple[Path, ...]
+    """Folder that `laploop synthesize` or `laploop collect` wrote, or the data set in it; several are learned together."""
     out: Path
     """Folder to write to; made where it does not exist."""
     size: Literal["paper", "small", "tiny"] = "small"
@@ -42,6 +44,10 @@ class StagedArguments:
     """Of the last stage."""
     vq_epochs: int | None = None
     """Of both VQ-VAEs of `ssle`."""
+    reader_epochs: int | None = None
+    """Of the first stage of `ssle-phase`."""
+    reader: Path | None = None
+    """Weights of a trained first stage of `ssle-phase`, which is then not trained again."""
     batch: int | None = None
     accumulate: int | None = None
     """Batches whose gradients are added before a step."""
@@ -61,8 +67,10 @@ class StagedArguments:
         Raises:
             InvalidValueError: If another model is asked for, or a count is below 1.
         """
-        if self.vq_epochs is not None and self.model != "ssle":
-            raise InvalidValueError("vq_epochs", self.vq_epochs, "only with --model ssle")
+        for model, names in (("ssle", ("vq_epochs",)), ("ssle-phase", ("reader_epochs", "reader"))):
+            for name in names:
+                if getattr(self, name) is not None and self.model != model:
+                    raise InvalidValueError(name, getattr(self, name), f"only with --model {model}")
         if self.limit is not None and self.limit < 1:
             raise InvalidValueError("limit", self.limit, "1 or more")
 
@@ -75,9 +83,9 @@ class StagedArguments:
             changes["final_learning_rate"] = share * self.learning_rate
         return replace(schedule, seed=self.seed, **changes)
 
-    def changed_vq(self, schedule: Schedule) -> Schedule:
-        """Return the VQ-VAEs' schedule with what was asked for."""
-        asked = {"epochs": self.vq_epochs, "batch": self.batch, "accumulate": self.accumulate}
+    def changed_first(self, schedule: Schedule, epochs: int | None) -> Schedule:
+        """Return an earlier stage's schedule with what was asked for."""
+        asked = {"epochs": epochs, "batch": self.batch, "accumulate": self.accumulate}
         changes: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
         return replace(schedule, seed=self.seed, **changes)
 
@@ -87,7 +95,8 @@ def train_staged(arguments: Sequence[str]) -> int:
     chosen = parse(StagedArguments, arguments, "train")
     chosen.check()
     require_lightning()
-    dataset = open_dataset(dataset_path(chosen.dataset))
+    parts = [open_dataset(dataset_path(path)) for path in chosen.dataset]
+    dataset = parts[0] if len(parts) == 1 else JoinedDataset(parts)
     train, settings = _MODELS[chosen.model](chosen, dataset)
     with OutputFolder(chosen.out, "train") as folder:
         if (folder.path / "checkpoint.safetensors").exists() and not chosen.resume:
@@ -123,7 +132,7 @@ def _ssle(chosen: StagedArguments, dataset: DepthDataset) -> Plan:
 
     height, width = dataset.optics.height, dataset.optics.width
     named = SsleTraining.named(chosen.size)
-    training = replace(named, unet=chosen.changed(named.unet), vq=chosen.changed_vq(named.vq))
+    training = replace(named, unet=chosen.changed(named.unet), vq=chosen.changed_first(named.vq, chosen.vq_epochs))
     return train_ssle, {"config": SsleConfig.named(chosen.size, height=height, width=width), "training": training}
 
 
@@ -141,10 +150,12 @@ def _ssle_phase(chosen: StagedArguments, dataset: DepthDataset) -> Plan:
     from laploop.perception.networks.ssle_phase import SslePhaseConfig
     from laploop.perception.training.ssle_phase import SslePhaseTraining, train_ssle_phase
 
-    training = SslePhaseTraining()
-    training = replace(training, schedule=chosen.changed(training.schedule))
+    usual = SslePhaseTraining()
+    training = replace(
+        usual, refiner=chosen.changed(usual.refiner), reader=chosen.changed_first(usual.reader, chosen.reader_epochs)
+    )
     config = SslePhaseConfig(height=dataset.optics.height, width=dataset.optics.width)
-    return train_ssle_phase, {"config": config, "training": training}
+    return train_ssle_phase, {"config": config, "training": training, "reader": chosen.reader}
 
 
 _MODELS: dict[str, Callable[[StagedArguments, DepthDataset], Plan]] = {

@@ -82,6 +82,8 @@ def robustness_table(summary: Mapping[str, Any]) -> str:
     lines = [
         f"Conditions that training did not have, {rows[0]['frames']} frames each, against exact depth: over all pixels, over",
         "those that the projector reaches, and over those that the model stands by; each also relative to the nominal one.",
+        "The last lines are no model: they have the exact depth of all that the projector reaches, continued with the least",
+        "bending into the rest, and tell what the unlit part of a view costs alone.",
         "",
         "| model | condition | MAE, all | to nominal | MAE, lit | to nominal | valid | MAE, valid | to nominal |",
         "|---|---|---|---|---|---|---|---|---|",

@@ -16,10 +16,16 @@ from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError
 from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.geometry import Rig
+from laploop.perception.messages import DepthEstimate
 from laploop.perception.metrics import DepthErrors, DepthMetrics, MetricsInterval, bootstrap_interval
 from laploop.studies.depth_evaluation import EstimatorCache
 from laploop.studies.depth_table import write_texts
 from laploop.studies.robustness_scenes import CONDITIONS, RobustnessConfig, robustness_frames
+from laploop.studies.smooth_fill import fill_smoothly
+
+SURROUNDINGS = "exact, unlit filled in"
+"""Stands in the table for a model that knows the exact depth of all that the projector reaches, and of the rest only that a
+surface bends little: what a condition costs by what it hides."""
 
 _SETS = 4
 """Errors of: all pixels in the range of depth; those of them that the model calls valid; all that it calls valid; those in the
@@ -90,6 +96,8 @@ def measure_robustness(
 ) -> list[RobustnessRow]:
     """Measure models under every condition against exact truth; a monocular baseline is taken raw.
 
+    The last rows are those of `SURROUNDINGS`.
+
     Raises:
         InvalidValueError: If no model is named.
         UnknownNameError: If a model's name is unknown.
@@ -100,7 +108,8 @@ def measure_robustness(
     estimators = EstimatorCache(models, weights)
     # Made before any work starts, so that what is missing is said at once.
     estimators.all(Rig.from_optics(scope))
-    sums = np.zeros((len(CONDITIONS), len(models), _SETS, chosen.tissues, 8))
+    names = [*models, SURROUNDINGS]
+    sums = np.zeros((len(CONDITIONS), len(names), _SETS, chosen.tissues, 8))
     places = {name: place for place, name in enumerate(CONDITIONS)}
     with Progress(console=Console(stderr=True), disable=not progress) as bar:
         task = bar.add_task("robustness", total=len(CONDITIONS) * chosen.frames)
@@ -108,10 +117,16 @@ def measure_robustness(
             truth = frame.depth_mm
             hit = np.isfinite(truth)
             counted = hit & (truth >= range_mm[0]) & (truth <= range_mm[1])
-            for number, estimator in enumerate(estimators.all(frame.rig).values()):
+            estimates: list[DepthEstimate] = []
+            for estimator in estimators.all(frame.rig).values():
                 if isinstance(estimator, OracleEstimator):
                     estimator.see_truth(truth)
-                estimate = estimator.estimate(frame.image)
+                estimates.append(estimator.estimate(frame.image))
+            # What is nearer than the range, as the instrument, is no part of the surface.
+            seen = hit & frame.lit & (truth >= range_mm[0])
+            filled = fill_smoothly(truth, seen) if seen.any() else truth
+            estimates.append(DepthEstimate(depth_mm=filled.astype(np.float32), valid=seen))
+            for number, estimate in enumerate(estimates):
                 for which, mask in enumerate((counted, counted & estimate.valid, hit & estimate.valid, counted & frame.lit)):
                     errors = DepthErrors()
                     errors.add(estimate.depth_mm, truth, mask)
@@ -119,7 +134,7 @@ def measure_robustness(
             bar.update(task, advance=1)
     return [
         _row(model, condition, sums[place, number], sums[0, number], chosen)
-        for number, model in enumerate(models)
+        for number, model in enumerate(names)
         for condition, place in places.items()
     ]
 
@@ -145,10 +160,14 @@ def _row(
         claimed=claimed,
         lit=lit,
         valid_share=valid.pixels / max(1, every.pixels),
-        ratio=every.mae_mm / usual[0] if usual[0] > 0.0 else math.nan,
-        lit_ratio=lit.mae_mm / usual[3] if usual[3] > 0.0 else math.nan,
-        valid_ratio=valid.mae_mm / usual[1] if usual[1] > 0.0 else math.nan,
+        ratio=_ratio(every, usual[0], model),
+        lit_ratio=_ratio(lit, usual[3], model),
+        valid_ratio=_ratio(valid, usual[1], model),
     )
+
+
+def _ratio(errors: DepthMetrics, usual: float, model: str) -> float:
+    return errors.mae_mm / usual if usual > 0.0 and model != SURROUNDINGS else math.nan
 
 
 def write_robustness(rows: Sequence[RobustnessRow], out: Path) -> None:

@@ -47,7 +47,7 @@ def _ssle_phase(rig: Rig, size: str) -> tuple[nn.Module, Any, tuple[str, ...]]:
 
     config = SslePhaseConfig(height=rig.camera.height, width=rig.camera.width)
     if size == "tiny":
-        config = replace(config, widths=(8, 8), refine_width=8)
+        config = replace(config, reader_widths=(8, 8), reader_fine_width=8, refiner_widths=(8, 8))
     network = SslePhase(config)
     return network, network.prepare(RigBatch.from_rigs([rig])), _DEPTH_AND_SCALE
 

@@ -9,7 +9,6 @@ position of the stripes.
 """
 
 from dataclasses import asdict, dataclass
-from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
@@ -18,8 +17,9 @@ from torch.nn import functional
 from laploop.errors import InvalidValueError
 from laploop.perception.carrier import StripeCarrier, gaussian_matrix
 from laploop.perception.geometry import Rig
+from laploop.perception.networks.additive_unet import AdditiveUNet
 
-FORMAT = "laploop-compact-1"
+FORMAT = "laploop-compact-2"
 """Changes whenever the same weights would mean something else."""
 
 _NEAREST_M = 0.057
@@ -130,14 +130,6 @@ class StripeFrontEnd(nn.Module):
         return torch.cat(features, dim=1), base
 
 
-def _block(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:
-    return nn.Sequential(
-        nn.Conv2d(inputs, outputs, 3, stride=stride, padding=1, bias=False),
-        nn.BatchNorm2d(outputs),
-        nn.ReLU(inplace=True),
-    )
-
-
 class CompactUNet(nn.Module):
     """The whole network: front end, U-Net, and the head that blends physics and a free estimate."""
 
@@ -147,14 +139,8 @@ class CompactUNet(nn.Module):
         self.config = config
         self.turns_metre = StripeCarrier(rig=rig).turns_metre
         self.front = StripeFrontEnd(rig, config)
-        widths = config.widths
-        self.stem = nn.Sequential(_block(self.front.channels, widths[0]), _block(widths[0], widths[0]))
-        self.down = nn.ModuleList(
-            nn.Sequential(_block(fine, coarse, stride=2), _block(coarse, coarse)) for fine, coarse in pairwise(widths)
-        )
-        self.lift = nn.ModuleList(nn.Conv2d(coarse, fine, 1) for fine, coarse in pairwise(widths))
-        self.up = nn.ModuleList(nn.Sequential(_block(fine, fine), _block(fine, fine)) for fine in widths[:-1])
-        self.head = nn.Conv2d(widths[0], 4 * _OUTPUTS, 3, padding=1)
+        self.trunk = AdditiveUNet(self.front.channels, config.widths)
+        self.head = nn.Conv2d(config.widths[0], 4 * _OUTPUTS, 3, padding=1)
         with torch.no_grad():
             # Starts as the classical phase: no correction, gate open at 0.88, scale 1 mm.
             self.head.weight.mul_(0.1)
@@ -164,14 +150,7 @@ class CompactUNet(nn.Module):
         """Estimate from images (B, height, width), grey values 0-255 in float32."""
         with torch.no_grad(), torch.autocast(device_type=image.device.type, enabled=False):
             features, base = self.front(image)
-        level = self.stem(features.contiguous(memory_format=torch.channels_last))
-        skips = [level]
-        for down in self.down:
-            level = down(level)
-            skips.append(level)
-        for index in reversed(range(len(self.up))):
-            lifted = functional.interpolate(self.lift[index](level), scale_factor=2.0, mode="nearest")
-            level = self.up[index](skips[index] + lifted)
+        level = self.trunk(features.contiguous(memory_format=torch.channels_last))
         maps = functional.pixel_shuffle(self.head(level).float(), 2)
         correction, gate, free, log_scale = maps.unbind(dim=1)
         trust = torch.sigmoid(gate)

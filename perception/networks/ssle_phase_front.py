@@ -22,6 +22,9 @@ RIG_NUMBERS = 9
 REFERENCE_M = 0.090
 """Depth around which the turn is chosen that the network is shown first."""
 
+DEPTH_RANGE_M = (0.0145, 0.289)
+"""What the network can say at all."""
+
 _MEAN_PERIODS, _MEAN_ROWS = 0.8, 4.0
 _CUT = 1e-5
 """Kernel values below are 0, as in `gaussian_matrix`."""
@@ -123,6 +126,10 @@ class PhaseFeatures:
     """Normalised image times carrier, (B, 2, height, width): the stripes as a phasor, before any window."""
     fraction: Tensor
     """Turns of phase less their unknown whole number, (B, height, width), from -0.5 to 0.5."""
+    normal: Tensor
+    """The image less its local mean, relative to that, (B, height, width)."""
+    levels: Tensor
+    """Logarithm of the local mean, and 1 where a pixel is saturated, (B, 2, height, width)."""
 
 
 class PhaseFrontEnd(nn.Module):
@@ -147,9 +154,14 @@ class PhaseFrontEnd(nn.Module):
             keep(f"half_window_y{index}", across, 2)
 
     @property
+    def windows(self) -> int:
+        """Number of demodulation windows."""
+        return len(self._windows)
+
+    @property
     def channels(self) -> int:
         """Feature channels at half size, the maps of the geometry included."""
-        return 4 * 4 + 3 * len(self._windows) + 2 + self.MAPS
+        return 4 * 4 + 3 * self.windows + 2 + self.MAPS
 
     def prepare(self, rigs: RigBatch) -> PhaseFilters:
         """Compute carrier, windows and maps of each rig."""
@@ -185,7 +197,9 @@ class PhaseFrontEnd(nn.Module):
             self.demodulate(products, filters),
             filters.maps,
         ]
-        return PhaseFeatures(features=torch.cat(features, dim=1), products=products, fraction=fraction)
+        return PhaseFeatures(
+            features=torch.cat(features, dim=1), products=products, fraction=fraction, normal=normal, levels=levels
+        )
 
     def demodulate(self, products: Tensor, filters: PhaseFilters) -> Tensor:
         """Low-pass phasors (B, 2, height, width) with every window.
@@ -214,6 +228,12 @@ def nearest_turn(fraction: Tensor, expected: Tensor) -> Tensor:
     """Return the turns with this fraction that lie nearest to the expected ones; the whole number has no gradient."""
     whole = torch.round(expected - fraction).detach()
     return fraction + whole
+
+
+def limit_turns(turns: Tensor, turns_metre: Tensor) -> Tensor:
+    """Return the turns cut to those of `DEPTH_RANGE_M`."""
+    nearest, farthest = turns_metre / DEPTH_RANGE_M[0], turns_metre / DEPTH_RANGE_M[1]
+    return torch.minimum(torch.maximum(turns, farthest), nearest)
 
 
 def turn_back(products: Tensor, turns: Tensor) -> Tensor:

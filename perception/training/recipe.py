@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 import torch
@@ -41,6 +41,8 @@ class Schedule:
     (161 epochs, T_max 160)."""
     warmup_steps: int = 0
     """Steps of a linear start."""
+    optimizer: Literal["adam", "muon"] = "adam"
+    """`muon` takes steps of orthogonalised momentum for all kernels but those of `Recipe.adam_layers`."""
     betas: tuple[float, float] = (0.9, 0.999)
     weight_decay: float = 0.0
     """Decoupled, as in AdamW; 0 makes it plain Adam."""
@@ -63,6 +65,8 @@ class Schedule:
         for name in ("warmup_steps", "weight_decay", "clip_norm"):
             if not getattr(self, name) >= 0:
                 raise InvalidValueError(name, getattr(self, name), "0 or more")
+        if self.optimizer not in ("adam", "muon"):
+            raise InvalidValueError("optimizer", self.optimizer, "adam, muon")
         if not 0.0 <= self.final_learning_rate <= self.learning_rate:
             raise InvalidValueError("final_learning_rate", self.final_learning_rate, "0 to learning_rate")
 
@@ -149,6 +153,10 @@ class Recipe(ABC):
     def parameters(self) -> Iterable[nn.Parameter]:
         """Return what is learned."""
         return [parameter for parameter in self.network.parameters() if parameter.requires_grad]
+
+    def adam_layers(self) -> Iterable[nn.Module]:
+        """Return layers whose kernels Adam should move where the others are Muon's: those that speak the output's units."""
+        return ()
 
     def autocast(self, device: torch.device) -> AbstractContextManager[Any]:
         """Return the context in which the network, but not its loss, should run."""

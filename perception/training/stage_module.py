@@ -17,6 +17,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from torch import Tensor
 from torch.utils.data import DataLoader
 
+from laploop.perception.training.muon import Muon
 from laploop.perception.training.recipe import Batch, Recipe
 from laploop.perception.training.samples import Samples, loader
 from laploop.perception.weights import architecture_hash, save_weights
@@ -52,8 +53,15 @@ class StageModule(pl.LightningModule):
         checkpoint["architecture"] = architecture_hash(self.recipe.architecture, self.network.state_dict())
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
-        """Return Adam, or AdamW where weights decay."""
+        """Return Muon where it is asked for; else Adam, or AdamW where weights decay."""
         schedule = self.recipe.schedule
+        if schedule.optimizer == "muon":
+            apart = {parameter for layer in self.recipe.adam_layers() for parameter in layer.parameters()}
+            learned = list(self.recipe.parameters())
+            kernels = [parameter for parameter in learned if parameter.ndim >= 2 and parameter not in apart]
+            others = [parameter for parameter in learned if parameter.ndim < 2 or parameter in apart]
+            rate, decay = schedule.learning_rate, schedule.weight_decay
+            return Muon(kernels, others, lr=rate, betas=schedule.betas, weight_decay=decay)
         kind = torch.optim.AdamW if schedule.weight_decay else torch.optim.Adam
         return kind(
             self.recipe.parameters(),

@@ -101,12 +101,21 @@ def test_train_runs_the_staged_models(dataset, tmp_path, model):
     assert {f"{model}.safetensors", "checkpoint.safetensors", "log.csv", "tensorboard"} <= {path.name for path in out.iterdir()}
 
 
+def test_train_learns_from_several_data_sets(dataset, tmp_path):
+    out = tmp_path / "out"
+    options = ["--size", "tiny", "--epochs", "1", "--machine.accelerator", "cpu"]
+    assert main(["train", "--model", "dual-unet", "--dataset", str(dataset), str(dataset), *options, "--out", str(out)]) == 0
+    assert summary_of(out)["epoch"] == 1
+
+
 def test_train_refuses_what_the_model_does_not_have(dataset, tmp_path, capsys):
     base = ["train", "--dataset", str(dataset), "--out", str(tmp_path / "out")]
     assert main([*base, "--model", "guess"]) == 2
     assert "ssle-phase" in capsys.readouterr().err
     assert main([*base, "--model", "dual-unet", "--vq-epochs", "3"]) == 2
     assert "vq_epochs" in capsys.readouterr().err
+    assert main([*base, "--model", "ssle", "--reader", "reader.safetensors"]) == 2
+    assert "only with --model ssle-phase" in capsys.readouterr().err
     assert main([*base, "--model=ssle", "--against", "zivid"]) == 2
     assert "reference camera" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

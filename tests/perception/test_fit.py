@@ -153,9 +153,10 @@ def test_training_writes_weights_log_and_checkpoint_and_learns(dataset, tmp_path
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"line.safetensors", "log.csv", "checkpoint.safetensors"}
 
 
-def test_resumed_training_ends_in_the_same_bits(dataset, tmp_path):
+@pytest.mark.parametrize("optimizer", ["adam", "muon"])
+def test_resumed_training_ends_in_the_same_bits(dataset, tmp_path, optimizer):
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    recipe = Line()
+    recipe = Line(optimizer=optimizer)
     fit(recipe, *_samples(dataset, recipe), whole, machine=CPU, progress=False)
 
     class Stop(Exception):  # noqa: N818 - stands for whatever ends a process
@@ -167,11 +168,11 @@ def test_resumed_training_ends_in_the_same_bits(dataset, tmp_path):
                 raise Stop
             return super().loss(batch, progress)
 
-    recipe = Stopping()
+    recipe = Stopping(optimizer=optimizer)
     with pytest.raises(Stop):
         fit(recipe, *_samples(dataset, recipe), parts, machine=CPU, progress=False)
     assert len((parts / "log.csv").read_text().splitlines()) == 2
-    recipe = Line(seed=0)
+    recipe = Line(seed=0, optimizer=optimizer)
     fit(recipe, *_samples(dataset, recipe), parts, machine=CPU, resume=True, progress=False)
     assert _bytes(parts) == _bytes(whole)
     assert len((parts / "log.csv").read_text().splitlines()) == 4

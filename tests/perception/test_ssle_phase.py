@@ -21,7 +21,7 @@ from laploop.perception.networks.ssle_phase_front import (
 )
 
 SIZE = 64
-SMALL = SslePhaseConfig(height=SIZE, width=SIZE, widths=(8, 12, 16), refine_width=8)
+SMALL = SslePhaseConfig(height=SIZE, width=SIZE, reader_widths=(8, 12, 16), reader_fine_width=8, refiner_widths=(8, 12))
 NOMINAL = ScopeOptics(width=SIZE, height=SIZE, mask=StripeMask(stripes=8))
 OTHER = replace(
     NOMINAL,
@@ -111,13 +111,22 @@ def test_turning_back_by_the_right_phase_leaves_a_real_positive_phasor():
     torch.testing.assert_close(lacking[:, 1], torch.full_like(turns, -2e-4 * math.pi), rtol=1e-3, atol=1e-9)
 
 
-def test_loss_in_millimetres_reaches_every_weight(rigs, network):
+def test_loss_in_millimetres_reaches_every_weight_of_the_stage(rigs, network):
     network.train()
     image = torch.from_numpy(np.stack([stripes(rig, 0.08) for rig in rigs]))
-    output = network(image, RigBatch.from_rigs(rigs))
-    (output.depth_mm - 90.0).abs().mean().backward()
-    without = [name for name, weight in network.named_parameters() if weight.grad is None or not weight.grad.abs().sum() > 0.0]
-    assert without == []
+    batch = RigBatch.from_rigs(rigs)
+    filters = network.prepare(batch)
+    reading = network.reader(network.see(image, filters), network.front, filters)
+    (1e3 * triangulate(reading.turns, filters.turns_metre) - 90.0).abs().mean().backward()
+    assert _without_gradient(network.reader) == []
+    network.zero_grad()
+    (network(image, batch).depth_mm - 90.0).abs().mean().backward()
+    assert _without_gradient(network.refiner) == []
+    assert all(weight.grad is None for weight in network.reader.parameters())
+
+
+def _without_gradient(part):
+    return [name for name, weight in part.named_parameters() if weight.grad is None or not weight.grad.abs().sum() > 0.0]
 
 
 def test_batch_of_different_rigs_equals_single_ones(rigs, network):
@@ -138,33 +147,64 @@ def test_filters_made_once_give_what_rigs_give(rigs, network):
         assert torch.equal(network(image, network.prepare(batch)).depth_mm, network(image, batch).depth_mm)
 
 
-def test_untrained_network_reads_the_classical_phase_on_any_rig(rigs, network):
+def _read(network, rigs, depth_m):
+    filters = network.prepare(RigBatch.from_rigs(rigs))
+    seen = network.see(torch.from_numpy(np.stack([stripes(rig, depth_m) for rig in rigs])), filters)
+    return seen, network.reader(seen, network.front, filters), filters
+
+
+def test_untrained_reader_reads_the_classical_phase_on_any_rig(rigs, network):
     with torch.no_grad():
-        network.head.weight.zero_()
-        network.head.bias[4:8] = 20.0  # gate open
-        network.fine_head.weight.zero_()
-        # An inner part of a plane near the reference, where the turn is right without a coarse depth.
-        for rig in rigs:
-            output = network(torch.from_numpy(stripes(rig, 0.088))[None], RigBatch.from_rigs([rig]))
-            np.testing.assert_allclose(output.depth_mm[0, 16:-16, 16:-16], 88.0, rtol=0.01)
+        network.reader.head.weight.zero_()
+        network.reader.head.bias[4:8] = 20.0  # gate open
+        network.reader.fine_head.weight.zero_()
+        # An inner part of planes near the reference, where the turn is right without a coarse depth.
+        _, reading, filters = _read(network, rigs, 0.088)
+    depth_mm = 1e3 * triangulate(reading.turns, filters.turns_metre)
+    np.testing.assert_allclose(depth_mm[:, 16:-16, 16:-16], 88.0, rtol=0.01)
+
+
+def test_untrained_refiner_leaves_a_reading_as_it_is_but_for_its_gate(rigs, network):
+    with torch.no_grad():
+        network.refiner.head.weight.zero_()
+        seen, reading, filters = _read(network, rigs, 0.1)
+        ajar = network.refine(seen, reading, filters)
+        network.refiner.head.bias[4:8] = 20.0  # gate open
+        output = network.refine(seen, reading, filters)
+    torch.testing.assert_close(output.turns, reading.turns)
+    reference = filters.turns_metre / REFERENCE_M
+    trust = 1.0 / (1.0 + math.exp(-3.0))
+    torch.testing.assert_close(ajar.turns, trust * reading.turns + (1.0 - trust) * reference, rtol=1e-5, atol=1e-5)
+
+
+def test_refiner_sees_the_same_whatever_the_number_of_stripes(network):
+    # The same plane through two masks, read right: turned back, both sets of stripes are one constant.
+    rigs = [Rig.from_optics(replace(NOMINAL, mask=StripeMask(stripes=stripe_count))) for stripe_count in (8, 12)]
+    with torch.no_grad():
+        seen, reading, filters = _read(network, rigs, 0.1)
+        right = replace(reading, turns=(filters.turns_metre / 0.1).expand_as(reading.turns))
+        features = network.refiner._features(seen, right, network.front, filters)
+    contrast = features[:, 33, 8:-8, 8:-8]  # the first window's, at half size
+    sine = features[:, 32, 8:-8, 8:-8]
+    assert float(sine.abs().max()) < 0.05
+    torch.testing.assert_close(contrast[0], contrast[1], rtol=0.1, atol=0.0)
 
 
 def test_scale_in_millimetres_follows_the_slope_of_the_triangulation(rigs, network):
     with torch.no_grad():
-        for head in (network.head, network.fine_head):
+        for head in (network.reader.head, network.reader.fine_head, network.refiner.head):
             head.weight.zero_()
-        network.fine_head.bias.zero_()
         output = network(torch.from_numpy(np.stack([stripes(rig, 0.09) for rig in rigs])), RigBatch.from_rigs(rigs))
     metre = RigBatch.from_rigs(rigs).turns_metre.float()
     wanted = torch.log(1e3 * math.exp(-4.0) * (1e-3 * output.depth_mm).square() / metre)
     torch.testing.assert_close(output.log_scale, wanted.clamp(-4.0, 4.0), rtol=1e-4, atol=1e-4)
 
 
-def test_coarse_depth_of_an_untrained_network_is_the_reference(rigs, network):
+def test_coarse_depth_of_an_untrained_reader_is_the_reference(rigs, network):
     with torch.no_grad():
-        network.head.weight.zero_()
-        output = network(torch.from_numpy(np.stack([stripes(rig, 0.12) for rig in rigs])), RigBatch.from_rigs(rigs))
-    torch.testing.assert_close(output.coarse_mm, torch.full_like(output.coarse_mm, 1e3 * REFERENCE_M))
+        network.reader.head.weight.zero_()
+        _, reading, filters = _read(network, rigs, 0.12)
+    torch.testing.assert_close(reading.coarse_turns, (filters.turns_metre / REFERENCE_M).expand_as(reading.coarse_turns))
 
 
 def test_drawn_mask_is_refused():
@@ -175,7 +215,15 @@ def test_drawn_mask_is_refused():
 
 @pytest.mark.parametrize(
     "change",
-    [{"widths": (8,)}, {"windows": ()}, {"windows": ((0.0, 1.0),)}, {"refine_width": 2}, {"height": 60}, {"width": 0}],
+    [
+        {"reader_widths": (8,)},
+        {"refiner_widths": (8, 2)},
+        {"windows": ()},
+        {"windows": ((0.0, 1.0),)},
+        {"reader_fine_width": 2},
+        {"height": 60},
+        {"width": 0},
+    ],
 )
 def test_impossible_sizes_are_refused(change):
     with pytest.raises(InvalidValueError):

@@ -50,7 +50,7 @@ def test_missing_weights_say_how_to_train_them(rig, tmp_path):
 
 
 def test_weights_of_another_size_are_refused(rig, tmp_path):
-    other = SslePhase(SslePhaseConfig(widths=(8, 16)))
+    other = SslePhase(SslePhaseConfig(reader_widths=(8, 16)))
     save_weights(tmp_path / "w.safetensors", other.state_dict(), other.config.architecture)
     with pytest.raises(WeightsError, match="architecture"):
         SslePhaseEstimator.from_weights(rig, tmp_path / "w.safetensors")

@@ -5,7 +5,7 @@ import pytest
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError, UnknownNameError
-from laploop.studies.robustness import measure_robustness, write_robustness
+from laploop.studies.robustness import SURROUNDINGS, measure_robustness, write_robustness
 from laploop.studies.robustness_scenes import CONDITIONS, PHASE_SHIFT, RobustnessConfig, robustness_frames
 
 TINY = RobustnessConfig(tissues=2, frames_per_tissue=2, seed=3)
@@ -65,7 +65,9 @@ def test_frames_are_the_same_each_time_and_others_with_another_seed(frames):
 def test_rows_say_how_much_worse_each_condition_is(tmp_path):
     config = RobustnessConfig(tissues=1, frames_per_tissue=2, seed=3)
     rows = measure_robustness(["oracle", "phase"], ScopeOptics(), config=config, progress=False)
-    assert [(row.model, row.condition) for row in rows] == [(m, c) for m in ("oracle", "phase") for c in CONDITIONS]
+    assert [(row.model, row.condition) for row in rows] == [
+        (model, condition) for model in ("oracle", "phase", SURROUNDINGS) for condition in CONDITIONS
+    ]
     by_key = {(row.model, row.condition): row for row in rows}
     for condition in CONDITIONS:
         oracle = by_key["oracle", condition]
@@ -79,6 +81,9 @@ def test_rows_say_how_much_worse_each_condition_is(tmp_path):
     shadowed = by_key["phase", "tool in view"]
     assert shadowed.lit.pixels / shadowed.every.pixels < nominal.lit.pixels / nominal.every.pixels
     assert shadowed.lit.mae_mm < shadowed.every.mae_mm
+    hidden = by_key[SURROUNDINGS, "tool in view"]
+    assert hidden.lit.mae_mm < 1e-3  # mm; float32
+    assert by_key[SURROUNDINGS, "nominal"].every.mae_mm < hidden.every.mae_mm
     write_robustness(rows, tmp_path)
     with (tmp_path / "robustness.csv").open() as file:
         lines = list(csv.DictReader(file))
