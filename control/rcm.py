@@ -22,6 +22,8 @@ from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
 
+_BODY = pin.ReferenceFrame.LOCAL
+
 
 class ShaftConfiguration(Configuration):
     """A Pink configuration that takes the pose and the Jacobian of the shaft's tip out of Pinocchio once an update.
@@ -29,11 +31,17 @@ class ShaftConfiguration(Configuration):
     Every task and limit of a step asks for them; what they get is shared and must not be written to.
     """
 
+    def __init__(self, model: pin.Model, data: pin.Data, q: Array) -> None:
+        """Start at joint angles q, (nv,)."""
+        # By number: Pinocchio looks through all frames for a name.
+        self._tip_id = model.getFrameId(SHAFT_TIP)
+        super().__init__(model, data, q)
+
     def update(self, q: Array | None = None) -> None:
         """Run the forward kinematics at joint angles q, (nv,); at the same as before if there are none."""
         super().update(q)
-        self._tip_pose = super().get_transform_frame_to_world(SHAFT_TIP)
-        self._tip_jacobian = super().get_frame_jacobian(SHAFT_TIP)
+        self._tip_pose = pin.updateFramePlacement(self.model, self.data, self._tip_id)
+        self._tip_jacobian = pin.getFrameJacobian(self.model, self.data, self._tip_id, _BODY)
 
     def get_transform_frame_to_world(self, frame: str) -> pin.SE3:
         """Return the pose of a frame in the world."""
