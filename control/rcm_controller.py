@@ -20,9 +20,10 @@ from laploop.control.rcm import (
     ShaftConfiguration,
     TipFrameTask,
     TipPositionTask,
+    TrocarView,
     trocar_in_shaft,
 )
-from laploop.control.robot import SHAFT_TIP, ArmModel, checked_vector, read_only
+from laploop.control.robot import ArmModel, checked_vector
 from laploop.control.step_program import StepProgram
 from laploop.errors import InfeasibleError, InvalidValueError
 
@@ -145,7 +146,8 @@ class RcmController:
         """
         self._arm = arm
         self._config = config = config or RcmControllerConfig()
-        self._trocar_in_world = read_only(checked_vector("trocar_in_world", trocar_in_world, 3))
+        trocar = TrocarView(trocar_in_world)
+        self._trocar_in_world = trocar.in_world
         max_insertion = config.max_insertion_m if config.max_insertion_m is not None else arm.shaft.length_m - 0.05
         # Pink hangs attributes on the model that it is given, so it gets one of its own.
         model = arm.model.copy()
@@ -155,7 +157,7 @@ class RcmController:
         self._posture_task = JointPostureTask(config.posture_cost_per_rad, config.posture_gain, model.nv)
         speed = np.minimum(arm.max_joint_speed, config.max_joint_speed_radps)
         acceleration = np.full(model.nv, config.max_joint_acceleration_radps2)
-        insertion = InsertionLimit(trocar_in_world, min_m=config.min_insertion_m, max_m=max_insertion)
+        insertion = InsertionLimit(trocar, min_m=config.min_insertion_m, max_m=max_insertion)
         self._joint_limit = JointBoxLimit(arm.lower_position, arm.upper_position, speed, acceleration)
         self._clearance = ShaftClearanceLimit(
             length_m=arm.shaft.length_m, radius_m=0.5 * arm.shaft.diameter_m, margin_m=config.shaft_margin_m
@@ -175,7 +177,7 @@ class RcmController:
             JointBoxLimit(arm.lower_position, arm.upper_position, speed, max_acceleration=None),
             *others,
         ]
-        self._trocar_task = RcmTask(self._trocar_in_world, feedback=config.rcm_feedback)
+        self._trocar_task = RcmTask(trocar, feedback=config.rcm_feedback)
         self._program = StepProgram(model.nv, _MOST_ROWS, _PRIMAL_TOLERANCE)
         self._qdot = np.zeros(model.nv)
         self._tip_velocity = np.zeros(3)
@@ -358,4 +360,4 @@ class RcmController:
         return before + change * min(1.0, self._config.max_tip_acceleration_mps2 * dt / max(size, 1e-12))
 
     def _tip_in_world(self) -> Array:
-        return np.array(self._configuration.get_transform_frame_to_world(SHAFT_TIP).translation)
+        return self._configuration.world_from_shaft[:3, 3].copy()
