@@ -14,6 +14,7 @@ from laploop.control.messages import ControlInput
 from laploop.control.motion_predictor import MotionPredictor, RhythmPredictor, RhythmPredictorConfig
 from laploop.control.surface_patch import SurfacePatch, fit_patch
 from laploop.control.tool_occlusion import ToolOutline, hidden_by_tool
+from laploop.control.vectors import is_finite
 from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.perception.geometry import Rig, invert_transform, transform_points
 from laploop.perception.messages import DepthFrame
@@ -127,7 +128,9 @@ class Targeting:
         self._config = config = config or TargetingConfig()
         self._eyes = np.array([[0.0, 0.0, 0.0], [rig.baseline_m, 0.0, 0.0]])
         self._last_corner = np.array([[rig.camera.width - 1.0], [rig.camera.height - 1.0]])
-        self._neighbours = np.array([[0], [1], [rig.camera.width], [rig.camera.width + 1]])
+        self._focal = np.array([[rig.camera.fx], [rig.camera.fy]])
+        self._first_centre = np.array([[rig.camera.cx - 0.5], [rig.camera.cy - 0.5]])
+        self._neighbours = np.array([[0], [rig.camera.width], [1], [rig.camera.width + 1]])
         if predictor is None and config.prediction == "rhythms":
             predictor = RhythmPredictor(config.rhythms)
         self._predictor = predictor
@@ -140,7 +143,7 @@ class Targeting:
     def reset(self) -> None:
         """Forget the target."""
         self._patch: SurfacePatch | None = None
-        self._points = np.zeros((0, 3))
+        self._points = np.zeros((3, 0))
         self._nearest_depth = 0.0
         self._tracker = AxialTracker(self._tracker_config, 0)
         if self._predictor is not None:
@@ -159,7 +162,7 @@ class Targeting:
         """
         if self._config.follow_camera and state.world_from_camera is None:
             raise InvalidValueError("world_from_camera", None, "the camera's pose, 4x4, where the camera is followed")
-        if np.isfinite(state.tip_in_camera).all():
+        if is_finite(state.tip_in_camera):
             self._poses.append((state.now_ns, state.tip_in_camera))
         frame = state.depth
         new = frame is not None and frame.captured_ns > self._newest_ns
@@ -252,7 +255,7 @@ class Targeting:
             return
         self._patch = patch
         stride = max(1, -(-len(around) // self._config.track_points))
-        self._points = around[::stride]
+        self._points = around[::stride].T.copy()
         self._tracker = AxialTracker(self._tracker_config, frame.captured_ns)
         self._sideways = tuple(AxialTracker(self._tracker_config, frame.captured_ns) for _ in range(2))
         if self._predictor is not None:
@@ -295,20 +298,21 @@ class Targeting:
         moved = self._displacement_at(frame.captured_ns)
         displacement = float(moved[2])
         axis = np.array([0.0, 0.0, 1.0])
-        points = self._points + moved
+        points = self._points + moved[:, None]
         if self._config.follow_camera:
             camera_from_reference = invert_transform(frame.world_from_camera) @ self._world_from_reference
             axis = camera_from_reference[:3, :3] @ axis
-            points = transform_points(camera_from_reference, points)
-        points = points[~self._hidden(points, frame.captured_ns, state)].T.copy()
-        for _ in range(self._config.iterations):
-            measured, seen = self._sample(frame, points)
-            missing = (measured - points[2])[seen]
-            if missing.size < self._config.min_track_points:
-                return None
-            correction = _median(missing) / float(axis[2])
-            points += (correction * axis)[:, None]
-            displacement += correction
+            points = transform_points(camera_from_reference, points.T).T.copy()
+        in_sight = ~self._hidden(points.T, frame.captured_ns, state)
+        with np.errstate(invalid="ignore"):  # of depths that are infinite
+            for _ in range(self._config.iterations):
+                measured, seen = self._sample(frame, points)
+                missing = (measured - points[2])[seen & in_sight]
+                if missing.size < self._config.min_track_points:
+                    return None
+                correction = _median(missing) / float(axis[2])
+                points += (correction * axis)[:, None]
+                displacement += correction
         return displacement
 
     def _nearest(self, frame: DepthFrame, state: ControlInput) -> float:
@@ -341,26 +345,21 @@ class Targeting:
 
         Values between pixel centres are bilinear; all four neighbours must be valid.
         """
-        camera = self._rig.camera
-        x, y, z = points
-        pixels = np.stack([camera.fx * x / z + (camera.cx - 0.5), camera.fy * y / z + (camera.cy - 0.5)])
+        pixels = self._focal * points[:2] / points[2] + self._first_centre
         inside = np.logical_and.reduce((pixels >= 0.0) & (pixels < self._last_corner))
         pixels = np.where(inside, pixels, 0.0)
         corner = pixels.astype(np.intp)
         right, down = pixels - corner
-        neighbours = corner[1] * camera.width + corner[0] + self._neighbours
-        depth_m = 1e-3 * frame.estimate.depth_mm.take(neighbours).astype(np.float64)
-        with np.errstate(invalid="ignore"):  # of depths that are infinite
-            upper = depth_m[0] + right * (depth_m[1] - depth_m[0])
-            lower = depth_m[2] + right * (depth_m[3] - depth_m[2])
-            measured = upper + down * (lower - upper)
+        neighbours = corner[1] * self._rig.camera.width + corner[0] + self._neighbours
+        depth_m = np.multiply(frame.estimate.depth_mm.take(neighbours), 1e-3, dtype=np.float64)
+        # Upper and lower row of the four at once.
+        upper, lower = depth_m[:2] + right * (depth_m[2:] - depth_m[:2])
+        measured = upper + down * (lower - upper)
         return measured, inside & np.isfinite(measured) & np.logical_and.reduce(frame.estimate.valid.take(neighbours))
 
 
 def _median(values: Array) -> float:
-    """Return the median of finite numbers, (n,); numpy's own takes several times as long for so few."""
+    """Return the median of finite numbers, (n,), which it sorts; numpy's own takes several times as long for so few."""
+    values.sort()
     middle = len(values) // 2
-    if len(values) % 2:
-        return float(np.partition(values, middle)[middle])
-    ordered = np.partition(values, (middle - 1, middle))
-    return 0.5 * float(ordered[middle - 1] + ordered[middle])
+    return float(values[middle]) if len(values) % 2 else 0.5 * float(values[middle - 1] + values[middle])
