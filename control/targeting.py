@@ -304,15 +304,14 @@ class Targeting:
             axis = camera_from_reference[:3, :3] @ axis
             points = transform_points(camera_from_reference, points.T).T.copy()
         in_sight = ~self._hidden(points.T, frame.captured_ns, state)
-        with np.errstate(invalid="ignore"):  # of depths that are infinite
-            for _ in range(self._config.iterations):
-                measured, seen = self._sample(frame, points)
-                missing = (measured - points[2])[seen & in_sight]
-                if missing.size < self._config.min_track_points:
-                    return None
-                correction = _median(missing) / float(axis[2])
-                points += (correction * axis)[:, None]
-                displacement += correction
+        for _ in range(self._config.iterations):
+            measured, seen = self._sample(frame, points)
+            missing = (measured - points[2])[seen & in_sight]
+            if missing.size < self._config.min_track_points:
+                return None
+            correction = _median(missing) / float(axis[2])
+            points += (correction * axis)[:, None]
+            displacement += correction
         return displacement
 
     def _nearest(self, frame: DepthFrame, state: ControlInput) -> float:
@@ -347,15 +346,17 @@ class Targeting:
         """
         pixels = self._focal * points[:2] / points[2] + self._first_centre
         inside = np.logical_and.reduce((pixels >= 0.0) & (pixels < self._last_corner))
-        pixels = np.where(inside, pixels, 0.0)
-        corner = pixels.astype(np.intp)
+        corner = np.floor(pixels)
         right, down = pixels - corner
-        neighbours = corner[1] * self._rig.camera.width + corner[0] + self._neighbours
-        depth_m = np.multiply(frame.estimate.depth_mm.take(neighbours), 1e-3, dtype=np.float64)
+        first = corner[1] * self._rig.camera.width + corner[0]
+        neighbours = first.astype(np.intp) + self._neighbours
+        # What lies outside of the frame may be read anywhere: it does not count.
+        depth_m = np.multiply(frame.estimate.depth_mm.take(neighbours, mode="clip"), 1e-3, dtype=np.float64)
+        known = np.isfinite(depth_m) & frame.estimate.valid.take(neighbours, mode="clip")
+        depth_m = np.where(known, depth_m, 0.0)
         # Upper and lower row of the four at once.
         upper, lower = depth_m[:2] + right * (depth_m[2:] - depth_m[:2])
-        measured = upper + down * (lower - upper)
-        return measured, inside & np.isfinite(measured) & np.logical_and.reduce(frame.estimate.valid.take(neighbours))
+        return upper + down * (lower - upper), inside & np.logical_and.reduce(known)
 
 
 def _median(values: Array) -> float:

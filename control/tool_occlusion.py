@@ -40,8 +40,8 @@ class ToolOutline:
     def radius(self, distance_from_tip: Array) -> Array:
         """Return the radius with its margin, (n,), at distances (n,) from the ball's centre along the shaft."""
         wide, thin = 0.5 * self.shaft.diameter_m, self.shaft.tip_radius_m
-        share = _clamp((distance_from_tip - self.neck_m) / self.taper_m, 1.0)
-        radius: Array = thin + (wide - thin) * share + self.margin_m
+        slope = (wide - thin) / self.taper_m
+        radius: Array = slope * _clamp(distance_from_tip - self.neck_m, self.taper_m) + (thin + self.margin_m)
         return radius
 
 
@@ -77,7 +77,8 @@ def hidden_by_tool(points: Array, tip: Array, trocar: Array, eyes: Array, outlin
     t = _clamp(b * s + f, reach)
     s = _clamp((b * t - c) / a, 1.0)
     apart = s * (s * a + 2.0 * (c - b * t)) + t * (t - 2.0 * f) + np.add.reduce(start * start, axis=1)[:, None]
-    return np.asarray(np.logical_or.reduce(apart < outline.radius(t) ** 2))
+    radius = outline.radius(t)
+    return np.asarray(np.logical_or.reduce(apart < radius * radius))
 
 
 def _clamp(values: Array, highest: float) -> Array:
