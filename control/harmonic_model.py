@@ -1,6 +1,7 @@
 """A bias and harmonics of a few slow rhythms: the state that describes them, its motion in time, its derivatives."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,3 +141,9 @@ class HarmonicModel:
         directions[self.rhythm, self.real] = -self.order * phasors.imag
         directions[self.rhythm, self.imaginary] = self.order * phasors.real
         return directions
+
+
+@cache
+def harmonic_model(harmonics: tuple[int, ...]) -> HarmonicModel:
+    """Return the one model with so many harmonics of each rhythm: it is laid out once, and all share it."""
+    return HarmonicModel(harmonics)

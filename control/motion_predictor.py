@@ -142,8 +142,8 @@ class RhythmPredictorConfig:
 class RhythmPredictor:
     """Predicts a displacement that is a bias plus respiration plus heartbeat of unknown, drifting frequencies.
 
-    A search over the last seconds goes on all the time, one slice a measurement, done by `work` in between or else with the
-    next measurement, which comes to the same. What it finds starts a Kalman filter on
+    A search over the last seconds goes on all the time, one slice a measurement, done by `work` in between, piece by piece, or
+    else with the next measurement, which comes to the same. What it finds starts a Kalman filter on
     bias, frequencies and phasors, which follows drift. Later findings start a second filter on trial, which replaces the
     first if it forecasts clearly better. A measurement that surprises a trusted filter is put aside; several alike in a row
     are a step of the bias (tissue pushed, stage moved), several that do not agree end the filter. An overtaken or invalid
@@ -182,7 +182,8 @@ class RhythmPredictor:
         if self._newest_ns is not None and captured_ns <= self._newest_ns:
             return False
         first = self._newest_ns is None
-        self.work()
+        while self._slice_due:
+            self.work()
         self._newest_ns = captured_ns
         value = float(measured)
         for one in (self._running, self._trial):
@@ -254,11 +255,11 @@ class RhythmPredictor:
         return False
 
     def work(self) -> None:
-        """Do the slice of the search that the last measurement has earned; let what it finds run, or be tried beside that."""
+        """Do a piece of the slice of the search that the last measurement has earned; let what it finds run, or be tried."""
         if not self._slice_due:
             return
-        self._slice_due = False
         found = self._search.step()
+        self._slice_due = self._search.midway
         if found is None:
             return
         started = HarmonicFilter(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.control.harmonic_model import HarmonicModel
+from laploop.control.harmonic_model import HarmonicModel, harmonic_model
 from laploop.control.sample_window import SampleWindow
 from laploop.errors import InvalidValueError, check_range
 
@@ -100,7 +100,7 @@ class Hypothesis:
 
 
 class RhythmSearch:
-    """A search that is done in slices, one a call, so that no call takes long; it starts over when it is done.
+    """A search that is done in slices, and those in pieces, so that no call takes long; it starts over when it is done.
 
     Band by band, least squares at each frequency of a grid tell how much of what is left its harmonics explain. The best
     one is refined together with the rhythms already found by Gauss-Newton steps on all phasors and frequencies. A rhythm's
@@ -111,14 +111,20 @@ class RhythmSearch:
         """Take the window, which others fill."""
         self._config = config
         self._window = window
-        self._work: Iterator[Hypothesis | None] = iter(())
+        self.reset()
 
     def reset(self) -> None:
         """Give up what was begun."""
-        self._work = iter(())
+        self._work: Iterator[Hypothesis | None] = iter(())
+        self._midway = False
+
+    @property
+    def midway(self) -> bool:
+        """Whether the last piece did not end its slice; the window must stay as it is until one does."""
+        return self._midway
 
     def step(self) -> Hypothesis | None:
-        """Do one slice of work; return what was found if that was the last one."""
+        """Do one piece of a slice of work; return what was found if that was the last one."""
         if self._window.covered_s < self._config.least_span_s:
             return None
         try:
@@ -129,7 +135,7 @@ class RhythmSearch:
 
     def _search(self, time_ns: int, seconds: Array, values: Array) -> Iterator[Hypothesis | None]:
         found: tuple[tuple[RhythmBand, float], ...] = ()
-        fit = _refined((), seconds, values)
+        fit = _Phasors.fitted((), seconds, values).refined()
         for band in self._config.bands:
             left = values - fit.values
             best_hz, best_power = 0.0, math.inf
@@ -147,7 +153,11 @@ class RhythmSearch:
             tried = (*found, (band, 2.0 * math.pi * best_hz))
             trial = fit
             for _ in range(3):
-                trial = _refined(tried, seconds, values)
+                phasors = _Phasors.fitted(tried, seconds, values)
+                self._midway = True
+                yield None
+                self._midway = False
+                trial = phasors.refined()
                 tried = tuple((one, rate) for (one, _), rate in zip(tried, trial.rates, strict=True))
                 yield None
             if self._convincing(fit, trial, len(values)):
@@ -193,6 +203,8 @@ _PRIOR_AMPLITUDE_M = 0.01
 _PRIOR_BIAS_M = 10.0
 _PRIOR_FREQUENCY = 0.15
 """Relative; a Gauss-Newton step cannot go far beyond the spacing of the grid."""
+_PRIOR_VARIANCE = 1e-6
+"""Of a measurement, by which the prior is weighed."""
 _LEAST_NOISE_M = 2e-5
 
 
@@ -211,46 +223,72 @@ def _power_left(candidates_hz: Array, harmonics: int, seconds: Array, values: Ar
     gram = basis @ basis.swapaxes(1, 2)
     projected = basis @ values
     # A little of the diagonal keeps short windows solvable.
-    size = 1 + 2 * harmonics
-    gram[:, np.arange(size), np.arange(size)] *= 1.0 + 1e-6
+    gram.reshape(len(gram), -1)[:, :: 2 + 2 * harmonics] *= 1.0 + 1e-6
     solved = np.linalg.solve(gram, projected[..., None])[..., 0]
     strengths = np.hypot(solved[:, 1::2], solved[:, 2::2])
-    left = values @ values - np.sum(projected * solved, axis=1)
+    left = values @ values - np.add.reduce(projected * solved, axis=1)
     return np.where(strengths[:, 0] >= strengths.max(axis=1), left, np.inf)
 
 
-def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, values: Array) -> _Fit:
-    """Fit bias and phasors at given angular frequencies, then make one Gauss-Newton step on everything."""
-    model = HarmonicModel(tuple(band.harmonics for band, _ in rhythms))
-    state = np.zeros(model.size)
-    state[model.rates] = [rate for _, rate in rhythms]
-    precision = np.zeros(model.size)
-    precision[0] = _PRIOR_BIAS_M**-2
-    precision[model.real] = precision[model.imaginary] = _PRIOR_AMPLITUDE_M**-2
-    precision[model.rates] = (_PRIOR_FREQUENCY * state[model.rates]) ** -2.0
-    variance = 1e-6
-    linear = np.ones(model.size, dtype=bool)
-    linear[model.rates] = False
-    # The derivatives by bias and phasors are what these are multiplied with, whatever they are.
-    basis = model.table(state, seconds)[1][:, linear]
-    normal = basis.T @ basis + np.diag(precision[linear] * variance)
-    state[linear] = np.linalg.solve(normal, basis.T @ values)
-    fitted, jacobian = model.table(state, seconds)
-    normal = jacobian.T @ jacobian
-    step = np.linalg.solve(
-        normal + np.diag(precision * variance), jacobian.T @ (values - fitted) - precision * variance * (state * linear)
-    )
-    low, high = (np.array([band.bounds_rad_s()[side] for band, _ in rhythms]) for side in (0, 1))
-    state = state + step
-    state[model.rates] = np.clip(state[model.rates], low, high)
-    fitted = model.values(state, seconds)
-    left = values - fitted
-    power = float(left @ left)
-    noise = max(power / max(len(values) - model.size, 1), _LEAST_NOISE_M**2)
-    return _Fit(
-        model=model,
-        state=state,
-        covariance=np.asarray(np.linalg.inv(normal / noise + np.diag(precision)), dtype=np.float64),
-        values=fitted,
-        power=power,
-    )
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Phasors:
+    """Bias and phasors fitted at given frequencies: what a Gauss-Newton step on everything starts from."""
+
+    rhythms: tuple[tuple[RhythmBand, float], ...]
+    """Bands, and angular frequencies in them."""
+    seconds: Array
+    samples: Array
+    model: HarmonicModel
+    state: Array
+    linear: NDArray[np.bool_]
+    """(size,), which parts of the state are no frequencies."""
+    precision: Array
+    """(size,), of the prior."""
+
+    @classmethod
+    def fitted(cls, rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, samples: Array) -> "_Phasors":
+        """Fit by regularised least squares."""
+        model = harmonic_model(tuple(band.harmonics for band, _ in rhythms))
+        state, precision = np.zeros(model.size), np.full(model.size, _PRIOR_AMPLITUDE_M**-2)
+        state[model.rates] = [rate for _, rate in rhythms]
+        precision[0] = _PRIOR_BIAS_M**-2
+        precision[model.rates] = (_PRIOR_FREQUENCY * state[model.rates]) ** -2.0
+        linear = np.ones(model.size, dtype=bool)
+        linear[model.rates] = False
+        # The derivatives by bias and phasors are what these are multiplied with, whatever they are.
+        basis = model.table(state, seconds)[1][:, linear]
+        normal = basis.T @ basis + np.diag(precision[linear] * _PRIOR_VARIANCE)
+        state[linear] = np.linalg.solve(normal, basis.T @ samples)
+        return cls(
+            rhythms=rhythms,
+            seconds=seconds,
+            samples=samples,
+            model=model,
+            state=state,
+            linear=linear,
+            precision=precision,
+        )
+
+    def refined(self) -> _Fit:
+        """Make one Gauss-Newton step on everything."""
+        model, precision = self.model, self.precision
+        fitted, jacobian = model.table(self.state, self.seconds)
+        normal = jacobian.T @ jacobian
+        step = np.linalg.solve(
+            normal + np.diag(precision * _PRIOR_VARIANCE),
+            jacobian.T @ (self.samples - fitted) - precision * _PRIOR_VARIANCE * (self.state * self.linear),
+        )
+        low, high = (np.array([band.bounds_rad_s()[side] for band, _ in self.rhythms]) for side in (0, 1))
+        state = self.state + step
+        state[model.rates] = np.minimum(np.maximum(state[model.rates], low), high)
+        fitted = model.values(state, self.seconds)
+        left = self.samples - fitted
+        power = float(left @ left)
+        noise = max(power / max(len(left) - model.size, 1), _LEAST_NOISE_M**2)
+        return _Fit(
+            model=model,
+            state=state,
+            covariance=np.asarray(np.linalg.inv(normal / noise + np.diag(precision)), dtype=np.float64),
+            values=fitted,
+            power=power,
+        )
