@@ -1,7 +1,7 @@
 """Find the frequencies of up to two rhythms, and all their phasors, in the last seconds of a signal."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -115,8 +115,9 @@ class RhythmSearch:
 
     def reset(self) -> None:
         """Give up what was begun."""
-        self._work: Iterator[Hypothesis | None] = iter(())
+        self._work: Iterator[bool] = iter(())
         self._midway = False
+        self._found: Hypothesis | None = None
 
     @property
     def midway(self) -> bool:
@@ -127,15 +128,18 @@ class RhythmSearch:
         """Do one piece of a slice of work; return what was found if that was the last one."""
         if self._window.covered_s < self._config.least_span_s:
             return None
+        self._found = None
         try:
-            return next(self._work)
+            self._midway = next(self._work)
         except StopIteration:
             self._work = self._search(*self._window.snapshot())
-            return next(self._work)
+            self._midway = next(self._work)
+        return self._found
 
-    def _search(self, time_ns: int, seconds: Array, values: Array) -> Iterator[Hypothesis | None]:
+    def _search(self, time_ns: int, seconds: Array, values: Array) -> Generator[bool, None, None]:
+        """Search, and leave what is found; yield after each piece whether its slice goes on."""
         found: tuple[tuple[RhythmBand, float], ...] = ()
-        fit = _Phasors.fitted((), seconds, values).refined()
+        fit = yield from _refined((), seconds, values)
         for band in self._config.bands:
             left = values - fit.values
             best_hz, best_power = 0.0, math.inf
@@ -147,22 +151,18 @@ class RhythmSearch:
                 index = int(np.argmin(powers))
                 if powers[index] < best_power:
                     best_hz, best_power = float(some[index]), float(powers[index])
-                yield None
+                yield False
             if not math.isfinite(best_power):
                 continue
             tried = (*found, (band, 2.0 * math.pi * best_hz))
             trial = fit
             for _ in range(3):
-                phasors = _Phasors.fitted(tried, seconds, values)
-                self._midway = True
-                yield None
-                self._midway = False
-                trial = phasors.refined()
+                trial = yield from _refined(tried, seconds, values)
                 tried = tuple((one, rate) for (one, _), rate in zip(tried, trial.rates, strict=True))
-                yield None
+                yield False
             if self._convincing(fit, trial, len(values)):
                 found, fit = tried, trial
-        yield Hypothesis(
+        self._found = Hypothesis(
             model=fit.model,
             time_ns=time_ns,
             state=fit.state,
@@ -170,6 +170,7 @@ class RhythmSearch:
             bounds_rad_s=np.array([band.bounds_rad_s() for band, _ in found]).reshape(-1, 2),
             residual_m=math.sqrt(fit.power / len(values)),
         )
+        yield False
 
     def _convincing(self, without: "_Fit", fit: "_Fit", count: int) -> bool:
         """Say whether the last rhythm of a fit is worth its parameters, strong enough, and led by its fundamental."""
@@ -203,8 +204,6 @@ _PRIOR_AMPLITUDE_M = 0.01
 _PRIOR_BIAS_M = 10.0
 _PRIOR_FREQUENCY = 0.15
 """Relative; a Gauss-Newton step cannot go far beyond the spacing of the grid."""
-_PRIOR_VARIANCE = 1e-6
-"""Of a measurement, by which the prior is weighed."""
 _LEAST_NOISE_M = 2e-5
 
 
@@ -230,65 +229,41 @@ def _power_left(candidates_hz: Array, harmonics: int, seconds: Array, values: Ar
     return np.where(strengths[:, 0] >= strengths.max(axis=1), left, np.inf)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Phasors:
-    """Bias and phasors fitted at given frequencies: what a Gauss-Newton step on everything starts from."""
+def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, values: Array) -> Generator[bool, None, _Fit]:
+    """Fit bias and phasors at given angular frequencies, then make one Gauss-Newton step on everything.
 
-    rhythms: tuple[tuple[RhythmBand, float], ...]
-    """Bands, and angular frequencies in them."""
-    seconds: Array
-    samples: Array
-    model: HarmonicModel
-    state: Array
-    linear: NDArray[np.bool_]
-    """(size,), which parts of the state are no frequencies."""
-    precision: Array
-    """(size,), of the prior."""
-
-    @classmethod
-    def fitted(cls, rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, samples: Array) -> "_Phasors":
-        """Fit by regularised least squares."""
-        model = harmonic_model(tuple(band.harmonics for band, _ in rhythms))
-        state, precision = np.zeros(model.size), np.full(model.size, _PRIOR_AMPLITUDE_M**-2)
-        state[model.rates] = [rate for _, rate in rhythms]
-        precision[0] = _PRIOR_BIAS_M**-2
-        precision[model.rates] = (_PRIOR_FREQUENCY * state[model.rates]) ** -2.0
-        linear = np.ones(model.size, dtype=bool)
-        linear[model.rates] = False
-        # The derivatives by bias and phasors are what these are multiplied with, whatever they are.
-        basis = model.table(state, seconds)[1][:, linear]
-        normal = basis.T @ basis + np.diag(precision[linear] * _PRIOR_VARIANCE)
-        state[linear] = np.linalg.solve(normal, basis.T @ samples)
-        return cls(
-            rhythms=rhythms,
-            seconds=seconds,
-            samples=samples,
-            model=model,
-            state=state,
-            linear=linear,
-            precision=precision,
-        )
-
-    def refined(self) -> _Fit:
-        """Make one Gauss-Newton step on everything."""
-        model, precision = self.model, self.precision
-        fitted, jacobian = model.table(self.state, self.seconds)
-        normal = jacobian.T @ jacobian
-        step = np.linalg.solve(
-            normal + np.diag(precision * _PRIOR_VARIANCE),
-            jacobian.T @ (self.samples - fitted) - precision * _PRIOR_VARIANCE * (self.state * self.linear),
-        )
-        low, high = (np.array([band.bounds_rad_s()[side] for band, _ in self.rhythms]) for side in (0, 1))
-        state = self.state + step
-        state[model.rates] = np.minimum(np.maximum(state[model.rates], low), high)
-        fitted = model.values(state, self.seconds)
-        left = self.samples - fitted
-        power = float(left @ left)
-        noise = max(power / max(len(left) - model.size, 1), _LEAST_NOISE_M**2)
-        return _Fit(
-            model=model,
-            state=state,
-            covariance=np.asarray(np.linalg.inv(normal / noise + np.diag(precision)), dtype=np.float64),
-            values=fitted,
-            power=power,
-        )
+    This is done in three pieces; it yields True, for a slice that goes on, between them.
+    """
+    model = harmonic_model(tuple(band.harmonics for band, _ in rhythms))
+    state, precision = np.zeros(model.size), np.full(model.size, _PRIOR_AMPLITUDE_M**-2)
+    state[model.rates] = [rate for _, rate in rhythms]
+    precision[0] = _PRIOR_BIAS_M**-2
+    precision[model.rates] = (_PRIOR_FREQUENCY * state[model.rates]) ** -2.0
+    variance = 1e-6
+    linear = np.ones(model.size, dtype=bool)
+    linear[model.rates] = False
+    # The derivatives by bias and phasors are what these are multiplied with, whatever they are.
+    basis = model.table(state, seconds)[1][:, linear]
+    normal = basis.T @ basis + np.diag(precision[linear] * variance)
+    state[linear] = np.linalg.solve(normal, basis.T @ values)
+    yield True
+    fitted, jacobian = model.table(state, seconds)
+    normal = jacobian.T @ jacobian
+    step = np.linalg.solve(
+        normal + np.diag(precision * variance), jacobian.T @ (values - fitted) - precision * variance * (state * linear)
+    )
+    yield True
+    low, high = (np.array([band.bounds_rad_s()[side] for band, _ in rhythms]) for side in (0, 1))
+    state = state + step
+    state[model.rates] = np.minimum(np.maximum(state[model.rates], low), high)
+    fitted = model.values(state, seconds)
+    left = values - fitted
+    power = float(left @ left)
+    noise = max(power / max(len(values) - model.size, 1), _LEAST_NOISE_M**2)
+    return _Fit(
+        model=model,
+        state=state,
+        covariance=np.asarray(np.linalg.inv(normal / noise + np.diag(precision)), dtype=np.float64),
+        values=fitted,
+        power=power,
+    )

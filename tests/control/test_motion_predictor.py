@@ -359,7 +359,7 @@ def test_a_measurement_after_work_brings_no_search_with_it(steps):
     assert sum(steps) > 50
 
 
-def test_no_piece_of_work_is_more_than_half_of_a_refinement(steps):
+def test_a_slice_is_worked_off_piece_by_piece(steps):
     predictor = RhythmPredictor()
     for captured_ns, measured in stream(breathing_and_beating, seconds=8.0):
         predictor.update(measured, captured_ns)
