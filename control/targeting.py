@@ -280,15 +280,17 @@ class Targeting:
 
     def _follow_marker(self, frame: DepthFrame, pixel: Array, displacement: float) -> None:
         """Take in how far across the reference's optical axis the marker has moved, at the depth that is known."""
-        if self._patch is None or not np.isfinite(pixel).all():
+        if self._patch is None or not is_finite(pixel):
             return
-        eye, ray = np.zeros(3), self._rig.camera.unproject(pixel, 1.0)
+        camera = self._rig.camera
+        u, v = pixel.tolist()
+        eye, ray = np.zeros(3), np.array([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0])
         if self._config.follow_camera:
             reference_from_camera = invert_transform(self._world_from_reference) @ frame.world_from_camera
             eye, ray = reference_from_camera[:3, 3], reference_from_camera[:3, :3] @ ray
         met = eye + (self._patch.point[2] + displacement - eye[2]) / ray[2] * ray
-        for tracker, measured in zip(self._sideways, (met - self._patch.point)[:2], strict=True):
-            tracker.update(float(measured), frame.captured_ns)
+        for tracker, measured in zip(self._sideways, (met - self._patch.point).tolist(), strict=False):
+            tracker.update(measured, frame.captured_ns)
 
     def _displacement_at(self, time_ns: int) -> Array:
         return np.array([one.displacement_at(time_ns) for one in (*self._sideways, self._tracker)])
