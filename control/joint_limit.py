@@ -35,6 +35,7 @@ class JointBoxLimit(Limit):
         self._rows = read_only(np.vstack([np.eye(joints), -np.eye(joints)]))
         self._angles, self._last_velocity = np.zeros(2 * joints), np.zeros(2 * joints)
         self._bounds: list[tuple[str, Array]] = []
+        self._set_period(0.0)
 
     def reasons(self) -> list[str]:
         """Name for each row of the last step the joint and which of its limits is the narrowest; empty before the first."""
@@ -53,16 +54,24 @@ class JointBoxLimit(Limit):
         self._both_ways(configuration.q, self._angles)
         left = self._limits - self._angles
         np.maximum(left, 0.0, out=left)
-        position, speed = _POSITION_GAIN * left, dt * self._max_speed
+        if dt != self._period:
+            self._set_period(dt)
+        position, speed = _POSITION_GAIN * left, self._speed
         bound = np.minimum(position, speed)
         self._bounds = [("position", position), ("speed", speed)]
         if self._max_acceleration is not None:
-            gathering = dt * (self._last_velocity + dt * self._max_acceleration)
-            braking = dt * np.sqrt(2.0 * self._max_acceleration * left)
+            gathering = dt * (self._last_velocity + self._change)
+            braking = dt * np.sqrt(self._twice * left)
             np.minimum(bound, gathering, out=bound)
             np.minimum(bound, braking, out=bound)
             self._bounds += [("acceleration", gathering), ("position", braking)]
         return self._rows, bound
+
+    def _set_period(self, dt: float) -> None:
+        """Work out what depends on the length of a step alone."""
+        self._period, self._speed = dt, dt * self._max_speed
+        if self._max_acceleration is not None:
+            self._change, self._twice = dt * self._max_acceleration, 2.0 * self._max_acceleration
 
     def _both_ways(self, values: Array, out: Array) -> None:
         """Write values (nv,) as they count towards the upper limits, then towards the lower ones."""

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 _BODY = pin.ReferenceFrame.LOCAL
 
+_DEEPER_AND_BACK = np.array([[-1.0], [1.0]])
+
 
 class ShaftConfiguration(Configuration):
     """A Pink configuration that takes the pose and the Jacobian of the shaft's tip out of Pinocchio once an update.
@@ -253,4 +255,4 @@ class InsertionLimit(Limit):
         point, jacobian = self._trocar.of(configuration)
         shallower, inserted = jacobian[2], -float(point[2])
         left = [max(self._GAIN * way, 0.0) for way in (self._max_m - inserted, inserted - self._min_m)]
-        return np.array([-shallower, shallower]), np.array(left)
+        return _DEEPER_AND_BACK * shallower, np.array(left)

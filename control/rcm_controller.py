@@ -314,7 +314,7 @@ class RcmController:
         self._trocar_task.max_correction_m = self._config.max_rcm_correction_mps * dt
         # A way that limits refuse is long, and a frame task would have the shaft roll to turn that way in the tip's frame.
         tip_task = self._held_back_task if self._status is RcmStatus.LIMITED else self._tip_task
-        tip_task.target_in_world = np.array(tip_reference)
+        tip_task.target_in_world = tip_reference
         return [tip_task, self._posture_task]
 
     def _move(self, tip_velocity: Array, dt: float, limits: list[Limit]) -> bool:
