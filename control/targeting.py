@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.control.axial_tracker import AxialTracker, AxialTrackerConfig
+from laploop.control.depth_sampler import DepthSampler
+from laploop.control.expected_sight import ExpectedSight
 from laploop.control.messages import ControlInput
 from laploop.control.motion_predictor import MotionPredictor, RhythmPredictor, RhythmPredictorConfig
 from laploop.control.surface_patch import SurfacePatch, fit_patch
@@ -127,10 +129,7 @@ class Targeting:
         self._rig = rig
         self._config = config = config or TargetingConfig()
         self._eyes = np.array([[0.0, 0.0, 0.0], [rig.baseline_m, 0.0, 0.0]])
-        self._last_corner = np.array([[rig.camera.width - 1.0], [rig.camera.height - 1.0]])
-        self._focal = np.array([[rig.camera.fx], [rig.camera.fy]])
-        self._first_centre = np.array([[rig.camera.cx - 0.5], [rig.camera.cy - 0.5]])
-        self._neighbours = np.array([[0], [rig.camera.width], [1], [rig.camera.width + 1]])
+        self._sampler = DepthSampler(rig)
         if predictor is None and config.prediction == "rhythms":
             predictor = RhythmPredictor(config.rhythms)
         self._predictor = predictor
@@ -149,6 +148,8 @@ class Targeting:
         if self._predictor is not None:
             self._predictor.reset()
         self._newest_ns = -1
+        self._due_ns: int | None = None
+        self._expected: ExpectedSight | None = None
         self._untold: tuple[float | None, int] | None = None
         self._world_from_reference = np.eye(4)
         self._sideways = tuple(AxialTracker(self._tracker_config, 0) for _ in range(2))
@@ -166,17 +167,25 @@ class Targeting:
             self._poses.append((state.now_ns, state.tip_in_camera))
         frame = state.depth
         new = frame is not None and frame.captured_ns > self._newest_ns
-        # One heavy thing a tick where frames come seldom enough: to measure, to learn from it, to work in the background.
+        # One heavy thing a tick where frames come seldom enough: to measure, to learn from it, to get ready for the next frame,
+        # to work in the background.
         if self._untold is not None:
             self._teach_predictor()
+        elif not new and self._due_ns is not None and self._due_ns <= state.now_ns:
+            self._expected = self._expect(self._due_ns, state)
+            self._due_ns = None
         elif self._work is not None and not new:
             self._work()
         if frame is not None and new:
-            self._newest_ns = frame.captured_ns
             if self._patch is None:
                 self._adopt(frame, state)
             else:
                 self._follow(frame, state)
+            # Frames come at a rate of their own. What a moving camera will see of the points takes its pose to know.
+            known = self._patch is not None and self._newest_ns >= 0 and not self._config.follow_camera
+            self._due_ns = 2 * frame.captured_ns - self._newest_ns if known else None
+            self._expected = None
+            self._newest_ns = frame.captured_ns
         if self._patch is None:
             return None
         moved, rate, predicted = self._motion(state.now_ns)
@@ -295,20 +304,37 @@ class Targeting:
     def _displacement_at(self, time_ns: int) -> Array:
         return np.array([one.displacement_at(time_ns) for one in (*self._sideways, self._tracker)])
 
-    def _measured_displacement(self, frame: DepthFrame, state: ControlInput) -> float | None:
-        """Return how far the points have moved along the reference's optical axis, or None if too few are seen."""
-        moved = self._displacement_at(frame.captured_ns)
-        displacement = float(moved[2])
+    def _expect(self, captured_ns: int, state: ControlInput, world_from_camera: Array | None = None) -> ExpectedSight:
+        """Work out what of a frame's measurement does not take the frame, only the time and the pose of its capture."""
+        moved = self._displacement_at(captured_ns)
         axis = np.array([0.0, 0.0, 1.0])
         points = self._points + moved[:, None]
-        if self._config.follow_camera:
-            camera_from_reference = invert_transform(frame.world_from_camera) @ self._world_from_reference
+        if world_from_camera is not None:
+            camera_from_reference = invert_transform(world_from_camera) @ self._world_from_reference
             axis = camera_from_reference[:3, :3] @ axis
             points = transform_points(camera_from_reference, points.T).T.copy()
-        in_sight = ~self._hidden(points.T, frame.captured_ns, state)
-        for _ in range(self._config.iterations):
-            measured, seen = self._sample(frame, points)
-            missing = (measured - points[2])[seen & in_sight]
+        return ExpectedSight(
+            captured_ns=captured_ns,
+            tip=self._tip_at(captured_ns),
+            trocar=state.trocar_in_camera,
+            displacement=float(moved[2]),
+            axis=axis,
+            points=points,
+            in_sight=~self._hidden(points.T, captured_ns, state),
+            places=self._sampler.places(points),
+        )
+
+    def _measured_displacement(self, frame: DepthFrame, state: ControlInput) -> float | None:
+        """Return how far the points have moved along the reference's optical axis, or None if too few are seen."""
+        expected = self._expected
+        if expected is None or not expected.holds(frame.captured_ns, self._tip_at(frame.captured_ns), state.trocar_in_camera):
+            expected = self._expect(frame.captured_ns, state, frame.world_from_camera if self._config.follow_camera else None)
+        points, axis, places, displacement = expected.points, expected.axis, expected.places, expected.displacement
+        for iteration in range(self._config.iterations):
+            if iteration:
+                places = self._sampler.places(points)
+            measured, seen = self._sampler.sample(frame, places)
+            missing = (measured - points[2])[seen & expected.in_sight]
             if missing.size < self._config.min_track_points:
                 return None
             correction = _median(missing) / float(axis[2])
@@ -324,12 +350,16 @@ class Targeting:
         points = points[~self._hidden(points, frame.captured_ns, state)]
         return float(np.percentile(points[:, 2], _NEAREST_PERCENTILE))
 
-    def _hidden(self, points: Array, captured_ns: int, state: ControlInput) -> NDArray[np.bool_]:
-        if not self._poses:
-            return np.zeros(len(points), dtype=bool)
-        # The newest pose that is not later than the frame; the oldest known for a frame from before the first tick.
+    def _tip_at(self, captured_ns: int) -> Array | None:
+        """Return where the tool's tip was, (3,): the newest pose that is not later, else the oldest that is known."""
         before = (tip for time_ns, tip in reversed(self._poses) if time_ns <= captured_ns)
-        return hidden_by_tool(points, next(before, self._poses[0][1]), state.trocar_in_camera, self._eyes, self._config.outline)
+        return next(before, self._poses[0][1]) if self._poses else None
+
+    def _hidden(self, points: Array, captured_ns: int, state: ControlInput) -> NDArray[np.bool_]:
+        tip = self._tip_at(captured_ns)
+        if tip is None:
+            return np.zeros(len(points), dtype=bool)
+        return hidden_by_tool(points, tip, state.trocar_in_camera, self._eyes, self._config.outline)
 
     def _depth_around(self, frame: DepthFrame, pixel: Array, reach: int) -> tuple[Array, Array]:
         """Return valid depths (n,) in metres and their rays (n, 3) within `reach` pixels of a pixel."""
@@ -340,25 +370,6 @@ class Targeting:
         depth_mm = frame.estimate.depth_mm[rows, columns]
         valid = frame.estimate.valid[rows, columns] & (depth_mm > 0.0) & np.isfinite(depth_mm)
         return depth_mm[valid].astype(np.float64) * 1e-3, camera.rays[rows, columns][valid]
-
-    def _sample(self, frame: DepthFrame, points: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the depth in metres, (n,), that a frame shows where points (3, n) appear, and where that is known.
-
-        Values between pixel centres are bilinear; all four neighbours must be valid.
-        """
-        pixels = self._focal * points[:2] / points[2] + self._first_centre
-        inside = np.logical_and.reduce((pixels >= 0.0) & (pixels < self._last_corner))
-        corner = np.floor(pixels)
-        right, down = pixels - corner
-        first = corner[1] * self._rig.camera.width + corner[0]
-        neighbours = first.astype(np.intp) + self._neighbours
-        # What lies outside of the frame may be read anywhere: it does not count.
-        depth_m = np.multiply(frame.estimate.depth_mm.take(neighbours, mode="clip"), 1e-3, dtype=np.float64)
-        known = np.isfinite(depth_m) & frame.estimate.valid.take(neighbours, mode="clip")
-        depth_m = np.where(known, depth_m, 0.0)
-        # Upper and lower row of the four at once.
-        upper, lower = depth_m[:2] + right * (depth_m[2:] - depth_m[:2])
-        return upper + down * (lower - upper), inside & np.logical_and.reduce(known)
 
 
 def _median(values: Array) -> float:

@@ -257,8 +257,10 @@ class Diary:
         self.done.append("work")
 
 
-def test_no_tick_both_measures_and_learns_and_works(rig, sphere, make_frame, pixel, monkeypatch):
+def test_no_tick_does_two_heavy_things(rig, sphere, make_frame, pixel, monkeypatch):
     done = []
+    expect = Targeting._expect
+    monkeypatch.setattr(Targeting, "_expect", lambda self, *known: done.append("expect") or expect(self, *known))
     measure = Targeting._measured_displacement
     monkeypatch.setattr(
         Targeting, "_measured_displacement", lambda self, *known: done.append("measure") or measure(self, *known)
@@ -271,7 +273,7 @@ def test_no_tick_both_measures_and_learns_and_works(rig, sphere, make_frame, pix
         done.clear()
         targeting.update(known(frame, pixel, now_ns + LATENCY_NS))
         ticks.append(tuple(done))
-    assert ticks[5:] == [("measure",), ("learn",), ("work",), ("work",), ("work",)] * 4
+    assert ticks[10:] == [("measure",), ("learn",), ("expect",), ("work",), ("work",)] * 3
 
 
 @pytest.mark.parametrize("count", [1, 2, 24, 161])
