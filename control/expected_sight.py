@@ -30,4 +30,4 @@ class ExpectedSight:
 
     def holds(self, captured_ns: int, tip: Array | None, trocar: Array) -> bool:
         """Say whether a frame that has come is the expected one, and nothing is known better by now."""
-        return self.captured_ns == captured_ns and self.tip is tip and bool((self.trocar == trocar).all())
+        return self.captured_ns == captured_ns and self.tip is tip and bool(self.trocar.tolist() == trocar.tolist())

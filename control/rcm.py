@@ -47,7 +47,7 @@ class ShaftConfiguration(Configuration):
         self._tip_pose = pin.updateFramePlacement(self.model, self.data, self._tip_id)
         self._tip_jacobian = pin.getFrameJacobian(self.model, self.data, self._tip_id, _BODY)
         # As one array: the bindings of a pose's parts take as long as the forward kinematics where caches are cold.
-        self.world_from_shaft = self._tip_pose.homogeneous
+        self.world_from_shaft: Array = self._tip_pose.homogeneous
 
     def get_transform_frame_to_world(self, frame: str) -> pin.SE3:
         """Return the pose of a frame in the world."""

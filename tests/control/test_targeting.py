@@ -292,3 +292,26 @@ def test_infinite_depth_is_not_known(rig, sphere, make_frame, pixel):
     stream.spoil = spoil
     target = stream.show(0.001)
     assert target.captured_ns == FRAME_NS
+
+
+@pytest.mark.parametrize("moving_trocar", [False, True])
+def test_what_is_worked_out_before_a_frame_changes_no_bit(rig, sphere, make_frame, pixel, moving_trocar):
+    targets = []
+    for ahead in (True, False):
+        targeting = Targeting(rig)
+        for tick in range(60):
+            index, now_ns = tick // 5, tick * 8_000_000
+            frame = make_frame(
+                sphere.depth(1e-4 * index), index=index, captured_ns=index * FRAME_NS, valid=np.ones((256, 256), dtype=bool)
+            )
+            shift = 1e-5 * tick if moving_trocar else 0.0
+            state = replace(known(frame, pixel, now_ns + LATENCY_NS), trocar_in_camera=TROCAR + shift)
+            if not ahead:
+                targeting._due_ns = None
+            target = targeting.update(state)
+            if ahead:
+                targets.append(target)
+            else:
+                before = targets[tick]
+                np.testing.assert_array_equal(target.point, before.point)
+                np.testing.assert_array_equal(target.velocity, before.velocity)
