@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from laploop.control.harmonic_filter import HarmonicFilter, HarmonicNoise
-from laploop.control.rhythm_search import RhythmSearch, RhythmSearchConfig
+from laploop.control.rhythm_search import Hypothesis, RhythmSearch, RhythmSearchConfig
 from laploop.control.sample_window import SampleWindow
 from laploop.control.track_record import TrackRecord
 from laploop.errors import check_range
@@ -46,8 +46,8 @@ class MotionPredictor(Protocol):
 class BackgroundWork(Protocol):
     """What a predictor may have besides: work that is better done where a control tick has time for it."""
 
-    def work(self) -> None:
-        """Do a bounded piece of what is still to be done; nothing if there is nothing."""
+    def work(self) -> bool:
+        """Do a bounded piece of what is still to be done; say whether there was anything."""
         ...
 
 
@@ -254,14 +254,18 @@ class RhythmPredictor:
             return True
         return False
 
-    def work(self) -> None:
-        """Do a piece of the slice of the search that the last measurement has earned; let what it finds run, or be tried."""
+    def work(self) -> bool:
+        """Do a piece of the slice of the search that the last measurement has earned; say whether one was due."""
         if not self._slice_due:
-            return
+            return False
         found = self._search.step()
         self._slice_due = self._search.midway
-        if found is None:
-            return
+        if found is not None:
+            self._start(found)
+        return True
+
+    def _start(self, found: Hypothesis) -> None:
+        """Let a filter run on what was found, or try it beside the one that runs."""
         started = HarmonicFilter(
             found.model,
             self._config.noise,

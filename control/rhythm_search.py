@@ -232,7 +232,7 @@ def _power_left(candidates_hz: Array, harmonics: int, seconds: Array, values: Ar
 def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, values: Array) -> Generator[bool, None, _Fit]:
     """Fit bias and phasors at given angular frequencies, then make one Gauss-Newton step on everything.
 
-    This is done in two pieces; it yields True, for a slice that goes on, between them.
+    This is done in three pieces; it yields True, for a slice that goes on, between them.
     """
     model = harmonic_model(tuple(band.harmonics for band, _ in rhythms))
     state, precision = np.zeros(model.size), np.full(model.size, _PRIOR_AMPLITUDE_M**-2)
@@ -253,6 +253,7 @@ def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, valu
     step = np.linalg.solve(
         normal + np.diag(precision * variance), jacobian.T @ (values - fitted) - precision * variance * (state * linear)
     )
+    yield True
     low, high = (np.array([band.bounds_rad_s()[side] for band, _ in rhythms]) for side in (0, 1))
     state = state + step
     state[model.rates] = np.minimum(np.maximum(state[model.rates], low), high)

@@ -133,7 +133,7 @@ class Targeting:
         if predictor is None and config.prediction == "rhythms":
             predictor = RhythmPredictor(config.rhythms)
         self._predictor = predictor
-        self._work: Callable[[], None] | None = getattr(predictor, "work", None)
+        self._work: Callable[[], bool] | None = getattr(predictor, "work", None)
         self._tracker_config = config.tracker
         if config.prediction == "none":
             self._tracker_config = replace(config.tracker, alpha=1.0, beta=0.0, max_extrapolation_s=0.0)
@@ -167,15 +167,12 @@ class Targeting:
             self._poses.append((state.now_ns, state.tip_in_camera))
         frame = state.depth
         new = frame is not None and frame.captured_ns > self._newest_ns
-        # One heavy thing a tick where frames come seldom enough: to measure, to learn from it, to get ready for the next frame,
-        # to work in the background.
+        # One heavy thing a tick where frames come seldom enough: to measure, to learn from it, to work in the background, or to
+        # get ready for the next frame.
         if self._untold is not None:
             self._teach_predictor()
-        elif not new and self._due_ns is not None and self._due_ns <= state.now_ns:
-            self._expected = self._expect(self._due_ns, state)
-            self._due_ns = None
-        elif self._work is not None and not new:
-            self._work()
+        elif not new and not (self._work is not None and self._work()) and self._due_ns is not None:
+            self._get_ready(self._due_ns, state)
         if frame is not None and new:
             if self._patch is None:
                 self._adopt(frame, state)
@@ -303,6 +300,12 @@ class Targeting:
 
     def _displacement_at(self, time_ns: int) -> Array:
         return np.array([one.displacement_at(time_ns) for one in (*self._sideways, self._tracker)])
+
+    def _get_ready(self, due_ns: int, state: ControlInput) -> None:
+        """Work out what can be known of the next frame, once it must have been captured."""
+        if due_ns <= state.now_ns:
+            self._expected = self._expect(due_ns, state)
+            self._due_ns = None
 
     def _expect(self, captured_ns: int, state: ControlInput, world_from_camera: Array | None = None) -> ExpectedSight:
         """Work out what of a frame's measurement does not take the frame, only the time and the pose of its capture."""

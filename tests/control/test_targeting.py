@@ -240,8 +240,8 @@ def test_velocity_is_that_of_the_time_when_a_command_takes_effect(rig, make_plan
 class Diary:
     """A predictor that notes what it is asked to do."""
 
-    def __init__(self, done):
-        self.done = done
+    def __init__(self, done, *, busy=True):
+        self.done, self.busy = done, busy
 
     def reset(self):
         self.done.append("reset")
@@ -254,10 +254,13 @@ class Diary:
         return Prediction(value=0.0, velocity=0.0, sigma=np.inf, trusted=False)
 
     def work(self):
-        self.done.append("work")
+        if self.busy:
+            self.done.append("work")
+        return self.busy
 
 
-def test_no_tick_does_two_heavy_things(rig, sphere, make_frame, pixel, monkeypatch):
+@pytest.mark.parametrize("busy", [True, False])
+def test_no_tick_does_two_heavy_things(rig, sphere, make_frame, pixel, monkeypatch, busy):
     done = []
     expect = Targeting._expect
     monkeypatch.setattr(Targeting, "_expect", lambda self, *known: done.append("expect") or expect(self, *known))
@@ -265,7 +268,7 @@ def test_no_tick_does_two_heavy_things(rig, sphere, make_frame, pixel, monkeypat
     monkeypatch.setattr(
         Targeting, "_measured_displacement", lambda self, *known: done.append("measure") or measure(self, *known)
     )
-    targeting = Targeting(rig, predictor=Diary(done))
+    targeting = Targeting(rig, predictor=Diary(done, busy=busy))
     ticks = []
     for tick in range(25):
         index, now_ns = tick // 5, tick * 8_000_000
@@ -273,7 +276,11 @@ def test_no_tick_does_two_heavy_things(rig, sphere, make_frame, pixel, monkeypat
         done.clear()
         targeting.update(known(frame, pixel, now_ns + LATENCY_NS))
         ticks.append(tuple(done))
-    assert ticks[10:] == [("measure",), ("learn",), ("expect",), ("work",), ("work",)] * 3
+    if busy:
+        # Without time to get ready it is done with the frame, in the tick that measures.
+        assert ticks[10:] == [("measure", "expect"), ("learn",), ("work",), ("work",), ("work",)] * 3
+    else:
+        assert ticks[10:] == [("measure",), ("learn",), ("expect",), (), ()] * 3
 
 
 @pytest.mark.parametrize("count", [1, 2, 24, 161])
