@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from laploop.assets.shafts import INSTRUMENT, Shaft
 from laploop.control.messages import ControlInput
 from laploop.control.targeting import Target
+from laploop.control.vectors import length
 from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
@@ -65,7 +66,7 @@ class ApproachGeometry:
         """Velocity of the surface."""
         self.age_s = target.age_ns(state.now_ns) * 1e-9
         self.lead_ns = state.lead_ns
-        self.ray = target.point / np.linalg.norm(target.point)
+        self.ray = target.point / length(target.point)
         self.goal = target.point + shift * self.ray + radius * target.normal
         """Where the tip touches."""
         self.shaft = unit(state.trocar_in_camera - self.goal)
@@ -82,4 +83,4 @@ class ApproachGeometry:
 
 def unit(vector: Array) -> Array:
     """Return a vector of length 1."""
-    return vector / max(float(np.linalg.norm(vector)), 1e-12)
+    return vector / max(length(vector), 1e-12)

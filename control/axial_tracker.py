@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from laploop.errors import InvalidValueError
 
 
@@ -80,7 +78,7 @@ class AxialTracker:
         self._doubtful.clear()
         limit = self._config.max_rate_mps
         self._displacement = expected + self._config.alpha * surprise
-        self._rate = float(np.clip(self._rate + self._config.beta * surprise / elapsed, -limit, limit))
+        self._rate = min(max(self._rate + self._config.beta * surprise / elapsed, -limit), limit)
         self._time_ns = time_ns
         return True
 

@@ -10,11 +10,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 from pink import Configuration
 from pink.limits import Limit
 
+from laploop.control.rcm import moment, world_from_shaft
 from laploop.control.robot import SHAFT_TIP, checked_vector, read_only
 from laploop.errors import InvalidValueError
 
@@ -56,23 +56,23 @@ class ShaftClearanceLimit(Limit):
         """Return the room between the surfaces in metres; infinite without another shaft."""
         if self._other is None:
             return math.inf
-        pose = configuration.get_transform_frame_to_world(SHAFT_TIP)
-        return self._nearest(pose.translation, pose.rotation[:, 2], *self._other)[0]
+        pose = world_from_shaft(configuration)
+        return self._nearest(pose[:3, 3], pose[:3, 2], *self._other)[0]
 
     def compute_qp_inequalities(self, configuration: Configuration, dt: float) -> tuple[Array, Array] | None:  # noqa: ARG002
         """Return G (1, nv) and h (1,) of `G dq <= h`, or None far from the other shaft."""
         self.reasons = ()
         if self._other is None:
             return None
-        pose = configuration.get_transform_frame_to_world(SHAFT_TIP)
-        distance, along, direction = self._nearest(pose.translation, pose.rotation[:, 2], *self._other)
+        pose = world_from_shaft(configuration)
+        distance, along, direction = self._nearest(pose[:3, 3], pose[:3, 2], *self._other)
         room = distance - self._margin
         if room > _WATCHED_M:
             return None
         self.reasons = ("the other shaft",)
         jacobian = configuration.get_frame_jacobian(SHAFT_TIP)
-        moved = jacobian[:3] - pin.skew(np.array([0.0, 0.0, -along])) @ jacobian[3:]
-        gradient = (pose.rotation.T @ direction) @ moved
+        moved = jacobian[:3] - moment(np.array([0.0, 0.0, -along])) @ jacobian[3:]
+        gradient = (pose[:3, :3].T.copy() @ direction) @ moved
         return -gradient[None, :], np.array([max(GAIN * room, 0.0)])
 
     def _nearest(self, tip: Array, axis: Array, end: Array, other_end: Array, radius: float) -> tuple[float, float, Array]:
@@ -121,23 +121,23 @@ class WallLimit(Limit):
 
     def compute_qp_inequalities(self, configuration: Configuration, dt: float) -> tuple[Array, Array] | None:  # noqa: ARG002
         """Return G (n, nv) and h (n,) of `G dq <= h` with a row for each end that is near the wall, or None."""
-        pose = configuration.get_transform_frame_to_world(SHAFT_TIP)
-        above = float(self._outwards @ pose.translation) - self._height
-        lean = float(self._outwards @ pose.rotation[:, 2])
+        pose = world_from_shaft(configuration)
+        above = float(self._outwards @ pose[:3, 3]) - self._height
+        lean = float(self._outwards @ pose[:3, 2])
         tip_room = -above - self._tip_room
         flange_room = above - self._length * lean - self._flange_room
         self.reasons = ()
         if min(tip_room, flange_room) > _WATCHED_M:
             return None
         jacobian = configuration.get_frame_jacobian(SHAFT_TIP)
-        normal = pose.rotation.T @ self._outwards
+        normal = pose[:3, :3].T.copy() @ self._outwards
         rows, bounds, reasons = [], [], []
         if tip_room <= _WATCHED_M:
             rows.append(normal @ jacobian[:3])
             bounds.append(max(GAIN * tip_room, 0.0))
             reasons.append("the wall, at the tip")
         if flange_room <= _WATCHED_M:
-            moved = jacobian[:3] - pin.skew(np.array([0.0, 0.0, -self._length])) @ jacobian[3:]
+            moved = jacobian[:3] - moment(np.array([0.0, 0.0, -self._length])) @ jacobian[3:]
             rows.append(-(normal @ moved))
             bounds.append(max(GAIN * flange_room, 0.0))
             reasons.append("the wall, at the flange")

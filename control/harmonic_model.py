@@ -1,6 +1,7 @@
 """A bias and harmonics of a few slow rhythms: the state that describes them, its motion in time, its derivatives."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,9 +90,15 @@ class HarmonicModel:
         turn = np.exp(1j * seconds * self.angular_rates(state))
         return float(state[0] + (self.phasors(state) * turn).real.sum())
 
-    def table(self, state: Array, seconds: Array) -> tuple[Array, Array]:
-        """Return the values (m,) at many times relative to the state's, and their derivatives by the state (m, size)."""
-        turn = self._turns(state, seconds)
+    def table(self, state: Array, seconds: Array, turns: NDArray[np.complex128] | None = None) -> tuple[Array, Array]:
+        """Return the values (m,) at many times relative to the state's, and their derivatives by the state (m, size).
+
+        Args:
+            state: (size,).
+            seconds: (m,).
+            turns: (m, n), what `turns` says of the same rates and times, if that is known.
+        """
+        turn = self.turns(state, seconds) if turns is None else turns
         turned = turn * self.phasors(state)
         jacobian = np.empty((len(seconds), self.size))
         jacobian[:, 0] = 1.0
@@ -101,9 +108,9 @@ class HarmonicModel:
 
     def values(self, state: Array, seconds: Array) -> Array:
         """Return the values alone, (m,), at many times relative to the state's."""
-        return np.asarray(state[0] + (self._turns(state, seconds) @ self.phasors(state)).real)
+        return np.asarray(state[0] + (self.turns(state, seconds) @ self.phasors(state)).real)
 
-    def _turns(self, state: Array, seconds: Array) -> NDArray[np.complex128]:
+    def turns(self, state: Array, seconds: Array) -> NDArray[np.complex128]:
         """Return by what each phasor turns in each time, (m, n): of a rhythm's first harmonic, and powers of that."""
         turns = np.empty((len(seconds), len(self.order)), dtype=np.complex128)
         first = np.exp(1j * np.multiply.outer(seconds, state[self.rates]))
@@ -140,3 +147,9 @@ class HarmonicModel:
         directions[self.rhythm, self.real] = -self.order * phasors.imag
         directions[self.rhythm, self.imaginary] = self.order * phasors.real
         return directions
+
+
+@cache
+def harmonic_model(harmonics: tuple[int, ...]) -> HarmonicModel:
+    """Return the one model with so many harmonics of each rhythm: it is laid out once, and all share it."""
+    return HarmonicModel(harmonics)

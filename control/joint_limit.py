@@ -26,14 +26,16 @@ class JointBoxLimit(Limit):
 
     def __init__(self, lower: Array, upper: Array, max_speed: Array, max_acceleration: Array | None) -> None:
         """Take the limits of all joints, each (nv,), in rad, rad/s and rad/s^2; without acceleration, that is not limited."""
-        self._lower, self._upper = read_only(lower), read_only(upper)
-        # Twice: towards the upper limits, then towards the lower ones.
+        joints = len(lower)
+        # Twice: towards the upper limits, then towards the lower ones, where all signs are turned.
+        self._joints = joints
+        self._limits = read_only(np.concatenate([upper, -lower]))
         self._max_speed = read_only(np.tile(max_speed, 2))
         self._max_acceleration = None if max_acceleration is None else read_only(np.tile(max_acceleration, 2))
-        self._rows = read_only(np.vstack([np.eye(len(lower)), -np.eye(len(lower))]))
-        self._last_velocity = np.zeros(2 * len(lower))
-        self._left = np.zeros(2 * len(lower))
+        self._rows = read_only(np.vstack([np.eye(joints), -np.eye(joints)]))
+        self._angles, self._last_velocity = np.zeros(2 * joints), np.zeros(2 * joints)
         self._bounds: list[tuple[str, Array]] = []
+        self._set_period(0.0)
 
     def reasons(self) -> list[str]:
         """Name for each row of the last step the joint and which of its limits is the narrowest; empty before the first."""
@@ -41,28 +43,37 @@ class JointBoxLimit(Limit):
             return []
         names = [name for name, _ in self._bounds]
         narrowest = np.argmin([bound for _, bound in self._bounds], axis=0)
-        joints = len(self._lower)
-        return [f"{names[which]} of joint {row % joints + 1}" for row, which in enumerate(narrowest)]
+        return [f"{names[which]} of joint {row % self._joints + 1}" for row, which in enumerate(narrowest)]
 
     def set_last_velocity(self, velocity: Array) -> None:
         """Tell the joint velocity of the last step, (nv,), rad/s."""
-        joints = len(self._lower)
-        self._last_velocity[:joints] = velocity
-        self._last_velocity[joints:] = -velocity
+        self._both_ways(velocity, self._last_velocity)
 
     def compute_qp_inequalities(self, configuration: Configuration, dt: float) -> tuple[Array, Array]:
         """Return G (2 nv, nv) and h (2 nv,) of `G dq <= h`."""
-        joints, left = len(self._lower), self._left
-        left[:joints] = self._upper - configuration.q
-        left[joints:] = configuration.q - self._lower
+        self._both_ways(configuration.q, self._angles)
+        left = self._limits - self._angles
         np.maximum(left, 0.0, out=left)
-        position, speed = _POSITION_GAIN * left, dt * self._max_speed
+        if dt != self._period:
+            self._set_period(dt)
+        position, speed = _POSITION_GAIN * left, self._speed
         bound = np.minimum(position, speed)
         self._bounds = [("position", position), ("speed", speed)]
         if self._max_acceleration is not None:
-            acceleration = self._max_acceleration
-            gathering = dt * (self._last_velocity + dt * acceleration)
-            braking = dt * np.sqrt(2.0 * acceleration * left)
-            bound = np.minimum(np.minimum(bound, gathering), braking)
+            gathering = dt * (self._last_velocity + self._change)
+            braking = dt * np.sqrt(self._twice * left)
+            np.minimum(bound, gathering, out=bound)
+            np.minimum(bound, braking, out=bound)
             self._bounds += [("acceleration", gathering), ("position", braking)]
         return self._rows, bound
+
+    def _set_period(self, dt: float) -> None:
+        """Work out what depends on the length of a step alone."""
+        self._period, self._speed = dt, dt * self._max_speed
+        if self._max_acceleration is not None:
+            self._change, self._twice = dt * self._max_acceleration, 2.0 * self._max_acceleration
+
+    def _both_ways(self, values: Array, out: Array) -> None:
+        """Write values (nv,) as they count towards the upper limits, then towards the lower ones."""
+        out[: self._joints] = values
+        np.negative(values, out=out[self._joints :])

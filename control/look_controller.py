@@ -11,6 +11,7 @@ from laploop.control.messages import ControlInput
 from laploop.control.motion_predictor import MotionPredictor
 from laploop.control.targeting import Target, Targeting, TargetingConfig
 from laploop.control.tip_motion import steady_gain
+from laploop.control.vectors import length
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Rig
 
@@ -103,13 +104,13 @@ class LookController:
         self._phase = LookPhase.LOST if lost else LookPhase.CENTRE
         if lost:
             return np.zeros(3)
-        inserted = float(np.linalg.norm(state.scope_trocar_in_camera - [self._half_baseline, 0.0, 0.0]))
+        inserted = length(state.scope_trocar_in_camera - [self._half_baseline, 0.0, 0.0])
         gain = steady_gain(self._config.gain_per_s, state.lead_ns)
         wanted = gain * (np.array([0.0, 0.0, state.working_distance_m]) - target.point)
         velocity = self._tip_velocity(wanted - target.velocity, target.point, inserted)
         if target.nearest_depth < self._config.least_room_m:
             velocity[2] = min(velocity[2], 0.0)
-        speed = float(np.linalg.norm(velocity))
+        speed = length(velocity)
         return velocity * min(1.0, self._config.max_speed_mps / max(speed, 1e-12))
 
     def _tip_velocity(self, point_rate: Array, point: Array, inserted: float) -> Array:

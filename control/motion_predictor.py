@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from laploop.control.harmonic_filter import HarmonicFilter, HarmonicNoise
-from laploop.control.rhythm_search import RhythmSearch, RhythmSearchConfig
+from laploop.control.rhythm_search import Hypothesis, RhythmSearch, RhythmSearchConfig
 from laploop.control.sample_window import SampleWindow
 from laploop.control.track_record import TrackRecord
 from laploop.errors import check_range
@@ -46,8 +46,8 @@ class MotionPredictor(Protocol):
 class BackgroundWork(Protocol):
     """What a predictor may have besides: work that is better done where a control tick has time for it."""
 
-    def work(self) -> None:
-        """Do a bounded piece of what is still to be done; nothing if there is nothing."""
+    def work(self) -> bool:
+        """Do a bounded piece of what is still to be done; say whether there was anything."""
         ...
 
 
@@ -142,8 +142,8 @@ class RhythmPredictorConfig:
 class RhythmPredictor:
     """Predicts a displacement that is a bias plus respiration plus heartbeat of unknown, drifting frequencies.
 
-    A search over the last seconds goes on all the time, one slice a measurement, done by `work` in between or else with the
-    next measurement, which comes to the same. What it finds starts a Kalman filter on
+    A search over the last seconds goes on all the time, one slice a measurement, done by `work` in between, piece by piece, or
+    else with the next measurement, which comes to the same. What it finds starts a Kalman filter on
     bias, frequencies and phasors, which follows drift. Later findings start a second filter on trial, which replaces the
     first if it forecasts clearly better. A measurement that surprises a trusted filter is put aside; several alike in a row
     are a step of the bias (tissue pushed, stage moved), several that do not agree end the filter. An overtaken or invalid
@@ -182,7 +182,8 @@ class RhythmPredictor:
         if self._newest_ns is not None and captured_ns <= self._newest_ns:
             return False
         first = self._newest_ns is None
-        self.work()
+        while self._slice_due:
+            self.work()
         self._newest_ns = captured_ns
         value = float(measured)
         for one in (self._running, self._trial):
@@ -253,14 +254,18 @@ class RhythmPredictor:
             return True
         return False
 
-    def work(self) -> None:
-        """Do the slice of the search that the last measurement has earned; let what it finds run, or be tried beside that."""
+    def work(self) -> bool:
+        """Do a piece of the slice of the search that the last measurement has earned; say whether one was due."""
         if not self._slice_due:
-            return
-        self._slice_due = False
+            return False
         found = self._search.step()
-        if found is None:
-            return
+        self._slice_due = self._search.midway
+        if found is not None:
+            self._start(found)
+        return True
+
+    def _start(self, found: Hypothesis) -> None:
+        """Let a filter run on what was found, or try it beside the one that runs."""
         started = HarmonicFilter(
             found.model,
             self._config.noise,

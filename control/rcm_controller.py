@@ -7,7 +7,7 @@ from enum import StrEnum
 import numpy as np
 import qpsolvers
 from numpy.typing import ArrayLike, NDArray
-from pink import build_ik
+from pink import Task, build_ik
 from pink.limits import Limit
 
 from laploop.assets.shafts import Shaft
@@ -20,9 +20,11 @@ from laploop.control.rcm import (
     ShaftConfiguration,
     TipFrameTask,
     TipPositionTask,
+    TrocarView,
     trocar_in_shaft,
 )
-from laploop.control.robot import SHAFT_TIP, ArmModel, checked_vector, read_only
+from laploop.control.robot import ArmModel, checked_vector
+from laploop.control.step_program import StepProgram
 from laploop.errors import InfeasibleError, InvalidValueError
 
 Array = NDArray[np.float64]
@@ -32,6 +34,9 @@ _AT_REST_RADPS = 1e-4
 
 _PRIMAL_TOLERANCE = 1e-9
 """Of the solver, in radians and metres a step; its own, 1e-6, is a tenth of a slow step."""
+
+_MOST_ROWS = 24
+"""Of a step: 12 of the joints, 2 each of insertion, wall and trocar, 1 of another shaft, and some to spare."""
 
 _USED_UP = 1e-8
 """Radians or metres a step that are left of a limit that decides."""
@@ -141,7 +146,8 @@ class RcmController:
         """
         self._arm = arm
         self._config = config = config or RcmControllerConfig()
-        self._trocar_in_world = read_only(checked_vector("trocar_in_world", trocar_in_world, 3))
+        trocar = TrocarView(trocar_in_world)
+        self._trocar_in_world = trocar.in_world
         max_insertion = config.max_insertion_m if config.max_insertion_m is not None else arm.shaft.length_m - 0.05
         # Pink hangs attributes on the model that it is given, so it gets one of its own.
         model = arm.model.copy()
@@ -151,7 +157,7 @@ class RcmController:
         self._posture_task = JointPostureTask(config.posture_cost_per_rad, config.posture_gain, model.nv)
         speed = np.minimum(arm.max_joint_speed, config.max_joint_speed_radps)
         acceleration = np.full(model.nv, config.max_joint_acceleration_radps2)
-        insertion = InsertionLimit(trocar_in_world, min_m=config.min_insertion_m, max_m=max_insertion)
+        insertion = InsertionLimit(trocar, min_m=config.min_insertion_m, max_m=max_insertion)
         self._joint_limit = JointBoxLimit(arm.lower_position, arm.upper_position, speed, acceleration)
         self._clearance = ShaftClearanceLimit(
             length_m=arm.shaft.length_m, radius_m=0.5 * arm.shaft.diameter_m, margin_m=config.shaft_margin_m
@@ -171,7 +177,8 @@ class RcmController:
             JointBoxLimit(arm.lower_position, arm.upper_position, speed, max_acceleration=None),
             *others,
         ]
-        self._trocar_task = RcmTask(self._trocar_in_world, feedback=config.rcm_feedback)
+        self._trocar_task = RcmTask(trocar, feedback=config.rcm_feedback)
+        self._program = StepProgram(model.nv, _MOST_ROWS, _PRIMAL_TOLERANCE)
         self._qdot = np.zeros(model.nv)
         self._tip_velocity = np.zeros(3)
         self._tip_reference = np.zeros(3)
@@ -285,34 +292,40 @@ class RcmController:
         return self.step(np.zeros(3), dt)
 
     def problem(self, tip_reference_in_world: Array, dt: float, limits: list[Limit] | None = None) -> qpsolvers.Problem:
-        """Return the quadratic program of a step towards a tip position, (3,), in the world's frame.
+        """Return the quadratic program of a step towards a tip position, (3,), in the world's frame, as Pink builds it.
 
         Args:
             tip_reference_in_world: Where the tip should be after the step.
             dt: Control period in seconds.
             limits: Inequalities to keep; all of the controller's when left out.
         """
-        self._joint_limit.set_last_velocity(self._qdot)
-        self._trocar_task.max_correction_m = self._config.max_rcm_correction_mps * dt
-        # A way that limits refuse is long, and a frame task would have the shaft roll to turn that way in the tip's frame.
-        tip_task = self._held_back_task if self._status is RcmStatus.LIMITED else self._tip_task
-        tip_task.target_in_world = np.array(tip_reference_in_world)
+        tasks = self._tasks_towards(tip_reference_in_world, dt)
         return build_ik(
             self._configuration,
-            [tip_task, self._posture_task],
+            tasks,
             dt,
             limits=self._limits if limits is None else limits,
             constraints=[self._trocar_task],
         )
 
+    def _tasks_towards(self, tip_reference: Array, dt: float) -> list[Task]:
+        """Set all parts of the problem for a step, and return the tasks that it weighs."""
+        self._joint_limit.set_last_velocity(self._qdot)
+        self._trocar_task.max_correction_m = self._config.max_rcm_correction_mps * dt
+        # A way that limits refuse is long, and a frame task would have the shaft roll to turn that way in the tip's frame.
+        tip_task = self._held_back_task if self._status is RcmStatus.LIMITED else self._tip_task
+        tip_task.target_in_world = tip_reference
+        return [tip_task, self._posture_task]
+
     def _move(self, tip_velocity: Array, dt: float, limits: list[Limit]) -> bool:
         reference = self._tip_reference + dt * tip_velocity
-        problem = self.problem(reference, dt, limits)
-        solution = qpsolvers.solve_problem(problem, solver="daqp", primal_tol=_PRIMAL_TOLERANCE)
-        if not solution.found or solution.x is None or not np.isfinite(solution.x).all():
+        tasks = self._tasks_towards(reference, dt)
+        self._program.assemble(self._configuration, tasks, limits, self._trocar_task, dt)
+        step = self._program.solve()
+        if step is None:
             return False
-        self._configuration.update(self._configuration.q + solution.x)
-        self._qdot = solution.x / dt
+        self._configuration.update(self._configuration.q + step)
+        self._qdot = step / dt
         self._tip_velocity = tip_velocity
         self._status = RcmStatus.TRACKING
         self._reason = ""
@@ -322,13 +335,13 @@ class RcmController:
         if distance > self._config.max_lag_m:
             ahead *= self._config.max_lag_m / distance
             self._status = RcmStatus.LIMITED
-            self._reason = self._active_limits(problem, solution.x)
+            self._reason = self._active_limits(step)
         self._tip_reference = tip + ahead
         return True
 
-    def _active_limits(self, problem: qpsolvers.Problem, step: Array) -> str:
+    def _active_limits(self, step: Array) -> str:
         """Name the limits whose rows a step has used up."""
-        used = np.asarray(problem.h) - np.asarray(problem.G) @ step < _USED_UP
+        used = self._program.room(step) < _USED_UP
         names = [*self._joint_limit.reasons(), "insertion, longest", "insertion, shortest"]
         for limit in self._limits[2:]:
             names += getattr(limit, "reasons", ())
@@ -347,4 +360,4 @@ class RcmController:
         return before + change * min(1.0, self._config.max_tip_acceleration_mps2 * dt / max(size, 1e-12))
 
     def _tip_in_world(self) -> Array:
-        return np.array(self._configuration.get_transform_frame_to_world(SHAFT_TIP).translation)
+        return self._configuration.world_from_shaft[:3, 3].copy()

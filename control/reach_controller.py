@@ -13,6 +13,7 @@ from laploop.control.messages import ControlInput
 from laploop.control.surface_feeler import FeelerConfig, SurfaceFeeler
 from laploop.control.targeting import Target, Targeting, TargetingConfig
 from laploop.control.tip_motion import Leg, TipMotion, steady_admittance
+from laploop.control.vectors import is_finite
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Rig
 
@@ -162,7 +163,7 @@ class ReachController:
 
         While a reading is not finite the tip stands still far from tissue, and withdraws along its shaft from tissue.
         """
-        if not (math.isfinite(state.contact_force_n) and np.isfinite(state.tip_in_camera).all()):
+        if not (math.isfinite(state.contact_force_n) and is_finite(state.tip_in_camera)):
             return self._blind(state)
         elapsed = 0.0 if self._last_ns is None else (state.now_ns - self._last_ns) * 1e-9
         self._last_ns = state.now_ns

@@ -1,13 +1,13 @@
 """Find the frequencies of up to two rhythms, and all their phasors, in the last seconds of a signal."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.control.harmonic_model import HarmonicModel
+from laploop.control.harmonic_model import HarmonicModel, harmonic_model
 from laploop.control.sample_window import SampleWindow
 from laploop.errors import InvalidValueError, check_range
 
@@ -100,7 +100,7 @@ class Hypothesis:
 
 
 class RhythmSearch:
-    """A search that is done in slices, one a call, so that no call takes long; it starts over when it is done.
+    """A search that is done in slices, and those in pieces, so that no call takes long; it starts over when it is done.
 
     Band by band, least squares at each frequency of a grid tell how much of what is left its harmonics explain. The best
     one is refined together with the rhythms already found by Gauss-Newton steps on all phasors and frequencies. A rhythm's
@@ -111,25 +111,35 @@ class RhythmSearch:
         """Take the window, which others fill."""
         self._config = config
         self._window = window
-        self._work: Iterator[Hypothesis | None] = iter(())
+        self.reset()
 
     def reset(self) -> None:
         """Give up what was begun."""
-        self._work = iter(())
+        self._work: Iterator[bool] = iter(())
+        self._midway = False
+        self._found: Hypothesis | None = None
+
+    @property
+    def midway(self) -> bool:
+        """Whether the last piece did not end its slice; the window must stay as it is until one does."""
+        return self._midway
 
     def step(self) -> Hypothesis | None:
-        """Do one slice of work; return what was found if that was the last one."""
+        """Do one piece of a slice of work; return what was found if that was the last one."""
         if self._window.covered_s < self._config.least_span_s:
             return None
+        self._found = None
         try:
-            return next(self._work)
+            self._midway = next(self._work)
         except StopIteration:
             self._work = self._search(*self._window.snapshot())
-            return next(self._work)
+            self._midway = next(self._work)
+        return self._found
 
-    def _search(self, time_ns: int, seconds: Array, values: Array) -> Iterator[Hypothesis | None]:
+    def _search(self, time_ns: int, seconds: Array, values: Array) -> Generator[bool, None, None]:
+        """Search, and leave what is found; yield after each piece whether its slice goes on."""
         found: tuple[tuple[RhythmBand, float], ...] = ()
-        fit = _refined((), seconds, values)
+        fit = yield from _refined((), seconds, values)
         for band in self._config.bands:
             left = values - fit.values
             best_hz, best_power = 0.0, math.inf
@@ -141,18 +151,18 @@ class RhythmSearch:
                 index = int(np.argmin(powers))
                 if powers[index] < best_power:
                     best_hz, best_power = float(some[index]), float(powers[index])
-                yield None
+                yield False
             if not math.isfinite(best_power):
                 continue
             tried = (*found, (band, 2.0 * math.pi * best_hz))
             trial = fit
             for _ in range(3):
-                trial = _refined(tried, seconds, values)
+                trial = yield from _refined(tried, seconds, values)
                 tried = tuple((one, rate) for (one, _), rate in zip(tried, trial.rates, strict=True))
-                yield None
+                yield False
             if self._convincing(fit, trial, len(values)):
                 found, fit = tried, trial
-        yield Hypothesis(
+        self._found = Hypothesis(
             model=fit.model,
             time_ns=time_ns,
             state=fit.state,
@@ -160,6 +170,7 @@ class RhythmSearch:
             bounds_rad_s=np.array([band.bounds_rad_s() for band, _ in found]).reshape(-1, 2),
             residual_m=math.sqrt(fit.power / len(values)),
         )
+        yield False
 
     def _convincing(self, without: "_Fit", fit: "_Fit", count: int) -> bool:
         """Say whether the last rhythm of a fit is worth its parameters, strong enough, and led by its fundamental."""
@@ -211,38 +222,41 @@ def _power_left(candidates_hz: Array, harmonics: int, seconds: Array, values: Ar
     gram = basis @ basis.swapaxes(1, 2)
     projected = basis @ values
     # A little of the diagonal keeps short windows solvable.
-    size = 1 + 2 * harmonics
-    gram[:, np.arange(size), np.arange(size)] *= 1.0 + 1e-6
+    gram.reshape(len(gram), -1)[:, :: 2 + 2 * harmonics] *= 1.0 + 1e-6
     solved = np.linalg.solve(gram, projected[..., None])[..., 0]
     strengths = np.hypot(solved[:, 1::2], solved[:, 2::2])
-    left = values @ values - np.sum(projected * solved, axis=1)
+    left = values @ values - np.add.reduce(projected * solved, axis=1)
     return np.where(strengths[:, 0] >= strengths.max(axis=1), left, np.inf)
 
 
-def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, values: Array) -> _Fit:
-    """Fit bias and phasors at given angular frequencies, then make one Gauss-Newton step on everything."""
-    model = HarmonicModel(tuple(band.harmonics for band, _ in rhythms))
-    state = np.zeros(model.size)
+def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, values: Array) -> Generator[bool, None, _Fit]:
+    """Fit bias and phasors at given angular frequencies, then make one Gauss-Newton step on everything.
+
+    This is done in three pieces; it yields True, for a slice that goes on, between them.
+    """
+    model = harmonic_model(tuple(band.harmonics for band, _ in rhythms))
+    state, precision = np.zeros(model.size), np.full(model.size, _PRIOR_AMPLITUDE_M**-2)
     state[model.rates] = [rate for _, rate in rhythms]
-    precision = np.zeros(model.size)
     precision[0] = _PRIOR_BIAS_M**-2
-    precision[model.real] = precision[model.imaginary] = _PRIOR_AMPLITUDE_M**-2
     precision[model.rates] = (_PRIOR_FREQUENCY * state[model.rates]) ** -2.0
     variance = 1e-6
     linear = np.ones(model.size, dtype=bool)
     linear[model.rates] = False
     # The derivatives by bias and phasors are what these are multiplied with, whatever they are.
-    basis = model.table(state, seconds)[1][:, linear]
+    turns = model.turns(state, seconds)
+    basis = model.table(state, seconds, turns)[1][:, linear]
     normal = basis.T @ basis + np.diag(precision[linear] * variance)
     state[linear] = np.linalg.solve(normal, basis.T @ values)
-    fitted, jacobian = model.table(state, seconds)
+    yield True
+    fitted, jacobian = model.table(state, seconds, turns)
     normal = jacobian.T @ jacobian
     step = np.linalg.solve(
         normal + np.diag(precision * variance), jacobian.T @ (values - fitted) - precision * variance * (state * linear)
     )
+    yield True
     low, high = (np.array([band.bounds_rad_s()[side] for band, _ in rhythms]) for side in (0, 1))
     state = state + step
-    state[model.rates] = np.clip(state[model.rates], low, high)
+    state[model.rates] = np.minimum(np.maximum(state[model.rates], low), high)
     fitted = model.values(state, seconds)
     left = values - fitted
     power = float(left @ left)

@@ -11,6 +11,7 @@ from laploop.control.approach_geometry import ApproachDistances, ApproachGeometr
 from laploop.control.messages import ControlInput
 from laploop.control.targeting import Target
 from laploop.control.tip_motion import Leg, TipMotion
+from laploop.control.vectors import is_finite, length
 from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
@@ -118,7 +119,7 @@ class SafeApproach:
             contact: Whether the task means to touch.
         """
         force, tip = state.contact_force_n, state.tip_in_camera
-        if not (math.isfinite(force) and np.isfinite(tip).all()):
+        if not (math.isfinite(force) and is_finite(tip)):
             return self._blind(state)
         if target is None:
             return np.zeros(3)
@@ -166,8 +167,8 @@ class SafeApproach:
             return
         if following is not leg:
             self._enter(ApproachPhase(following.value), state)
-        ways = {Leg.RISE: tip[2] - geometry.safe_depth, Leg.TRAVEL: np.linalg.norm(geometry.above - tip)}
-        left = float(ways.get(following, np.linalg.norm(geometry.standoff - tip)))
+        ways = {Leg.RISE: tip[2] - geometry.safe_depth, Leg.TRAVEL: length(geometry.above - tip)}
+        left = float(ways.get(following, length(geometry.standoff - tip)))
         if left < self._least_left - 0.001:
             self._least_left, self._progress_ns = left, state.now_ns
         elif state.now_ns - self._progress_ns > self._config.patience_s * 1e9:

@@ -12,6 +12,7 @@ from laploop.control.motion_predictor import MotionPredictor
 from laploop.control.safe_approach import SafeApproach, SafeApproachConfig
 from laploop.control.scan_path import ScanPath
 from laploop.control.targeting import Target, Targeting, TargetingConfig
+from laploop.control.vectors import length
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthFrame
@@ -170,7 +171,7 @@ class ScanController:
             feed_forward = feed_forward - (self._height - lowered) / elapsed * foot.normal
         self._height = lowered
         way = foot.point + (radius + lowered) * foot.normal - state.tip_in_camera
-        error = float(np.linalg.norm(way))
+        error = length(way)
         if self._phase is ScanPhase.LOWER and lowered <= config.standoff_m and error < config.full_speed_error_m:
             self._phase = ScanPhase.SCAN
         if self._phase is ScanPhase.SCAN:

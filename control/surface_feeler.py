@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from laploop.control.approach_geometry import ApproachGeometry
 from laploop.control.messages import ControlInput
 from laploop.control.tip_motion import TipMotion
+from laploop.control.vectors import length
 from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
@@ -68,7 +69,7 @@ class SurfaceFeeler:
         reference = geometry.goal + self.height * geometry.axis
         way = reference - state.tip_in_camera
         back = self._motion.back(way, lead_ns=state.lead_ns)
-        if np.linalg.norm(way) > 0.002:
+        if length(way) > 0.002:
             return back
         if self.height > 0.0:
             self.height = max(self.height - step, 0.0)

@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.control.axial_tracker import AxialTracker, AxialTrackerConfig
+from laploop.control.depth_sampler import DepthSampler
+from laploop.control.expected_sight import ExpectedSight
 from laploop.control.messages import ControlInput
 from laploop.control.motion_predictor import MotionPredictor, RhythmPredictor, RhythmPredictorConfig
 from laploop.control.surface_patch import SurfacePatch, fit_patch
 from laploop.control.tool_occlusion import ToolOutline, hidden_by_tool
+from laploop.control.vectors import is_finite
 from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.perception.geometry import Rig, invert_transform, transform_points
 from laploop.perception.messages import DepthFrame
@@ -126,12 +129,11 @@ class Targeting:
         self._rig = rig
         self._config = config = config or TargetingConfig()
         self._eyes = np.array([[0.0, 0.0, 0.0], [rig.baseline_m, 0.0, 0.0]])
-        self._last_corner = np.array([[rig.camera.width - 1.0], [rig.camera.height - 1.0]])
-        self._neighbours = np.array([[0], [1], [rig.camera.width], [rig.camera.width + 1]])
+        self._sampler = DepthSampler(rig)
         if predictor is None and config.prediction == "rhythms":
             predictor = RhythmPredictor(config.rhythms)
         self._predictor = predictor
-        self._work: Callable[[], None] | None = getattr(predictor, "work", None)
+        self._work: Callable[[], bool] | None = getattr(predictor, "work", None)
         self._tracker_config = config.tracker
         if config.prediction == "none":
             self._tracker_config = replace(config.tracker, alpha=1.0, beta=0.0, max_extrapolation_s=0.0)
@@ -140,12 +142,14 @@ class Targeting:
     def reset(self) -> None:
         """Forget the target."""
         self._patch: SurfacePatch | None = None
-        self._points = np.zeros((0, 3))
+        self._points = np.zeros((3, 0))
         self._nearest_depth = 0.0
         self._tracker = AxialTracker(self._tracker_config, 0)
         if self._predictor is not None:
             self._predictor.reset()
         self._newest_ns = -1
+        self._due_ns: int | None = None
+        self._expected: ExpectedSight | None = None
         self._untold: tuple[float | None, int] | None = None
         self._world_from_reference = np.eye(4)
         self._sideways = tuple(AxialTracker(self._tracker_config, 0) for _ in range(2))
@@ -159,21 +163,26 @@ class Targeting:
         """
         if self._config.follow_camera and state.world_from_camera is None:
             raise InvalidValueError("world_from_camera", None, "the camera's pose, 4x4, where the camera is followed")
-        if np.isfinite(state.tip_in_camera).all():
+        if is_finite(state.tip_in_camera):
             self._poses.append((state.now_ns, state.tip_in_camera))
         frame = state.depth
         new = frame is not None and frame.captured_ns > self._newest_ns
-        # One heavy thing a tick where frames come seldom enough: to measure, to learn from it, to work in the background.
+        # One heavy thing a tick where frames come seldom enough: to measure, to learn from it, to work in the background, or to
+        # get ready for the next frame.
         if self._untold is not None:
             self._teach_predictor()
-        elif self._work is not None and not new:
-            self._work()
+        elif not new and not (self._work is not None and self._work()) and self._due_ns is not None:
+            self._get_ready(self._due_ns, state)
         if frame is not None and new:
-            self._newest_ns = frame.captured_ns
             if self._patch is None:
                 self._adopt(frame, state)
             else:
                 self._follow(frame, state)
+            # Frames come at a rate of their own. What a moving camera will see of the points takes its pose to know.
+            known = self._patch is not None and self._newest_ns >= 0 and not self._config.follow_camera
+            self._due_ns = 2 * frame.captured_ns - self._newest_ns if known else None
+            self._expected = None
+            self._newest_ns = frame.captured_ns
         if self._patch is None:
             return None
         moved, rate, predicted = self._motion(state.now_ns)
@@ -252,7 +261,7 @@ class Targeting:
             return
         self._patch = patch
         stride = max(1, -(-len(around) // self._config.track_points))
-        self._points = around[::stride]
+        self._points = around[::stride].T.copy()
         self._tracker = AxialTracker(self._tracker_config, frame.captured_ns)
         self._sideways = tuple(AxialTracker(self._tracker_config, frame.captured_ns) for _ in range(2))
         if self._predictor is not None:
@@ -277,33 +286,58 @@ class Targeting:
 
     def _follow_marker(self, frame: DepthFrame, pixel: Array, displacement: float) -> None:
         """Take in how far across the reference's optical axis the marker has moved, at the depth that is known."""
-        if self._patch is None or not np.isfinite(pixel).all():
+        if self._patch is None or not is_finite(pixel):
             return
-        eye, ray = np.zeros(3), self._rig.camera.unproject(pixel, 1.0)
+        camera = self._rig.camera
+        u, v = pixel.tolist()
+        eye, ray = np.zeros(3), np.array([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, 1.0])
         if self._config.follow_camera:
             reference_from_camera = invert_transform(self._world_from_reference) @ frame.world_from_camera
             eye, ray = reference_from_camera[:3, 3], reference_from_camera[:3, :3] @ ray
         met = eye + (self._patch.point[2] + displacement - eye[2]) / ray[2] * ray
-        for tracker, measured in zip(self._sideways, (met - self._patch.point)[:2], strict=True):
-            tracker.update(float(measured), frame.captured_ns)
+        for tracker, measured in zip(self._sideways, (met - self._patch.point).tolist(), strict=False):
+            tracker.update(measured, frame.captured_ns)
 
     def _displacement_at(self, time_ns: int) -> Array:
         return np.array([one.displacement_at(time_ns) for one in (*self._sideways, self._tracker)])
 
+    def _get_ready(self, due_ns: int, state: ControlInput) -> None:
+        """Work out what can be known of the next frame, once it must have been captured."""
+        if due_ns <= state.now_ns:
+            self._expected = self._expect(due_ns, state)
+            self._due_ns = None
+
+    def _expect(self, captured_ns: int, state: ControlInput, world_from_camera: Array | None = None) -> ExpectedSight:
+        """Work out what of a frame's measurement does not take the frame, only the time and the pose of its capture."""
+        moved = self._displacement_at(captured_ns)
+        axis = np.array([0.0, 0.0, 1.0])
+        points = self._points + moved[:, None]
+        if world_from_camera is not None:
+            camera_from_reference = invert_transform(world_from_camera) @ self._world_from_reference
+            axis = camera_from_reference[:3, :3] @ axis
+            points = transform_points(camera_from_reference, points.T).T.copy()
+        return ExpectedSight(
+            captured_ns=captured_ns,
+            tip=self._tip_at(captured_ns),
+            trocar=state.trocar_in_camera,
+            displacement=float(moved[2]),
+            axis=axis,
+            points=points,
+            in_sight=~self._hidden(points.T, captured_ns, state),
+            places=self._sampler.places(points),
+        )
+
     def _measured_displacement(self, frame: DepthFrame, state: ControlInput) -> float | None:
         """Return how far the points have moved along the reference's optical axis, or None if too few are seen."""
-        moved = self._displacement_at(frame.captured_ns)
-        displacement = float(moved[2])
-        axis = np.array([0.0, 0.0, 1.0])
-        points = self._points + moved
-        if self._config.follow_camera:
-            camera_from_reference = invert_transform(frame.world_from_camera) @ self._world_from_reference
-            axis = camera_from_reference[:3, :3] @ axis
-            points = transform_points(camera_from_reference, points)
-        points = points[~self._hidden(points, frame.captured_ns, state)].T.copy()
-        for _ in range(self._config.iterations):
-            measured, seen = self._sample(frame, points)
-            missing = (measured - points[2])[seen]
+        expected = self._expected
+        if expected is None or not expected.holds(frame.captured_ns, self._tip_at(frame.captured_ns), state.trocar_in_camera):
+            expected = self._expect(frame.captured_ns, state, frame.world_from_camera if self._config.follow_camera else None)
+        points, axis, places, displacement = expected.points, expected.axis, expected.places, expected.displacement
+        for iteration in range(self._config.iterations):
+            if iteration:
+                places = self._sampler.places(points)
+            measured, seen = self._sampler.sample(frame, places)
+            missing = (measured - points[2])[seen & expected.in_sight]
             if missing.size < self._config.min_track_points:
                 return None
             correction = _median(missing) / float(axis[2])
@@ -319,12 +353,16 @@ class Targeting:
         points = points[~self._hidden(points, frame.captured_ns, state)]
         return float(np.percentile(points[:, 2], _NEAREST_PERCENTILE))
 
-    def _hidden(self, points: Array, captured_ns: int, state: ControlInput) -> NDArray[np.bool_]:
-        if not self._poses:
-            return np.zeros(len(points), dtype=bool)
-        # The newest pose that is not later than the frame; the oldest known for a frame from before the first tick.
+    def _tip_at(self, captured_ns: int) -> Array | None:
+        """Return where the tool's tip was, (3,): the newest pose that is not later, else the oldest that is known."""
         before = (tip for time_ns, tip in reversed(self._poses) if time_ns <= captured_ns)
-        return hidden_by_tool(points, next(before, self._poses[0][1]), state.trocar_in_camera, self._eyes, self._config.outline)
+        return next(before, self._poses[0][1]) if self._poses else None
+
+    def _hidden(self, points: Array, captured_ns: int, state: ControlInput) -> NDArray[np.bool_]:
+        tip = self._tip_at(captured_ns)
+        if tip is None:
+            return np.zeros(len(points), dtype=bool)
+        return hidden_by_tool(points, tip, state.trocar_in_camera, self._eyes, self._config.outline)
 
     def _depth_around(self, frame: DepthFrame, pixel: Array, reach: int) -> tuple[Array, Array]:
         """Return valid depths (n,) in metres and their rays (n, 3) within `reach` pixels of a pixel."""
@@ -336,31 +374,9 @@ class Targeting:
         valid = frame.estimate.valid[rows, columns] & (depth_mm > 0.0) & np.isfinite(depth_mm)
         return depth_mm[valid].astype(np.float64) * 1e-3, camera.rays[rows, columns][valid]
 
-    def _sample(self, frame: DepthFrame, points: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the depth in metres, (n,), that a frame shows where points (3, n) appear, and where that is known.
-
-        Values between pixel centres are bilinear; all four neighbours must be valid.
-        """
-        camera = self._rig.camera
-        x, y, z = points
-        pixels = np.stack([camera.fx * x / z + (camera.cx - 0.5), camera.fy * y / z + (camera.cy - 0.5)])
-        inside = np.logical_and.reduce((pixels >= 0.0) & (pixels < self._last_corner))
-        pixels = np.where(inside, pixels, 0.0)
-        corner = pixels.astype(np.intp)
-        right, down = pixels - corner
-        neighbours = corner[1] * camera.width + corner[0] + self._neighbours
-        depth_m = 1e-3 * frame.estimate.depth_mm.take(neighbours).astype(np.float64)
-        with np.errstate(invalid="ignore"):  # of depths that are infinite
-            upper = depth_m[0] + right * (depth_m[1] - depth_m[0])
-            lower = depth_m[2] + right * (depth_m[3] - depth_m[2])
-            measured = upper + down * (lower - upper)
-        return measured, inside & np.isfinite(measured) & np.logical_and.reduce(frame.estimate.valid.take(neighbours))
-
 
 def _median(values: Array) -> float:
-    """Return the median of finite numbers, (n,); numpy's own takes several times as long for so few."""
+    """Return the median of finite numbers, (n,), which it sorts; numpy's own takes several times as long for so few."""
+    values.sort()
     middle = len(values) // 2
-    if len(values) % 2:
-        return float(np.partition(values, middle)[middle])
-    ordered = np.partition(values, (middle - 1, middle))
-    return 0.5 * float(ordered[middle - 1] + ordered[middle])
+    return float(values[middle]) if len(values) % 2 else 0.5 * float(values[middle - 1] + values[middle])

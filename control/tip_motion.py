@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.control.approach_geometry import ApproachGeometry
+from laploop.control.vectors import length
 from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
@@ -60,27 +61,27 @@ class TipMotion:
 
     def towards(self, way: Array, *, lead_ns: int = 0) -> Array:
         """Return the velocity (3,) that ends a way (3,) at rest."""
-        distance = max(float(np.linalg.norm(way)), 1e-12)
+        distance = max(length(way), 1e-12)
         speed = min(self.max_speed_mps, math.sqrt(2.0 * self.acceleration_mps2 * distance), self.gain(lead_ns) * distance)
         return way * (speed / distance)
 
     def back(self, way: Array, *, lead_ns: int = 0) -> Array:
         """Return the velocity (3,) that removes a lag (3,); near tissue that must never be a leap."""
         velocity = self.gain(lead_ns) * way
-        return velocity * min(1.0, self.max_catch_up_mps / max(float(np.linalg.norm(velocity)), 1e-12))
+        return velocity * min(1.0, self.max_catch_up_mps / max(length(velocity), 1e-12))
 
     def bounded(self, velocity: Array) -> Array:
         """Cut a velocity (3,) to the highest speed."""
-        speed = float(np.linalg.norm(velocity))
+        speed = length(velocity)
         return velocity * min(1.0, self.max_speed_mps / max(speed, 1e-12))
 
     def leg_after(self, leg: Leg, tip: Array, geometry: ApproachGeometry, *, in_sight: bool) -> Leg:
         """Return the leg to be on now; several may be over at once."""
         if leg is Leg.RISE and tip[2] < geometry.safe_depth + 0.002:
             leg = Leg.TRAVEL
-        if leg is Leg.TRAVEL and np.linalg.norm(geometry.above - tip) < 0.003:
+        if leg is Leg.TRAVEL and length(geometry.above - tip) < 0.003:
             leg = Leg.DESCEND
-        if leg is Leg.DESCEND and in_sight and np.linalg.norm(geometry.standoff - tip) < 0.002:
+        if leg is Leg.DESCEND and in_sight and length(geometry.standoff - tip) < 0.002:
             leg = Leg.ARRIVED
         return leg
 

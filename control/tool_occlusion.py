@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.shafts import INSTRUMENT, Shaft
+from laploop.control.vectors import length
 from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
@@ -39,8 +40,8 @@ class ToolOutline:
     def radius(self, distance_from_tip: Array) -> Array:
         """Return the radius with its margin, (n,), at distances (n,) from the ball's centre along the shaft."""
         wide, thin = 0.5 * self.shaft.diameter_m, self.shaft.tip_radius_m
-        share = np.clip((distance_from_tip - self.neck_m) / self.taper_m, 0.0, 1.0)
-        radius: Array = thin + (wide - thin) * share + self.margin_m
+        slope = (wide - thin) / self.taper_m
+        radius: Array = slope * _clamp(distance_from_tip - self.neck_m, self.taper_m) + (thin + self.margin_m)
         return radius
 
 
@@ -62,19 +63,25 @@ def hidden_by_tool(points: Array, tip: Array, trocar: Array, eyes: Array, outlin
         (n,), True where at least one line of sight is blocked. All points are given in one frame.
     """
     axis = trocar - tip
-    length = float(np.linalg.norm(axis))
-    sight = points[None, :, :] - eyes[:, None, :]
+    reach = length(axis)
+    axis /= reach
     start = eyes - tip
-    a = np.einsum("kni,kni->kn", sight, sight)
-    b = sight @ axis
-    c = np.einsum("kni,ki->kn", sight, start)
+    sight = points.T - eyes[:, :, None]
+    # With the axis scaled to length 1, t is a length along it; a, b, c and f are the products that the distance is made of.
+    a = np.add.reduce(sight * sight, axis=1)
+    b = axis @ sight
+    c = (start[:, None] @ sight)[:, 0]
     f = (start @ axis)[:, None]
-    e = length * length
     # Ericson, Real-Time Collision Detection, 5.1.9: the unclamped optimum first, then each parameter given the other.
-    denominator = np.maximum(a * e - b * b, 1e-15 * a * e)
-    s = np.clip((b * f - c * e) / denominator, 0.0, 1.0)
-    t = np.clip((b * s + f) / e, 0.0, 1.0)
-    s = np.clip((b * t - c) / a, 0.0, 1.0)
-    apart = start[:, None, :] + s[..., None] * sight - t[..., None] * axis
-    near = np.einsum("kni,kni->kn", apart, apart) < outline.radius(length * t) ** 2
-    return np.asarray(near.any(axis=0))
+    s = _clamp((b * f - c) / np.maximum(a - b * b, 1e-15 * a), 1.0)
+    t = _clamp(b * s + f, reach)
+    s = _clamp((b * t - c) / a, 1.0)
+    apart = s * (s * a + 2.0 * (c - b * t)) + t * (t - 2.0 * f) + np.add.reduce(start * start, axis=1)[:, None]
+    radius = outline.radius(t)
+    return np.asarray(np.logical_or.reduce(apart < radius * radius))
+
+
+def _clamp(values: Array, highest: float) -> Array:
+    """Bring values to the range from 0 to a number, in place: numpy's own function takes longer for so few."""
+    np.maximum(values, 0.0, out=values)
+    return np.minimum(values, highest, out=values)

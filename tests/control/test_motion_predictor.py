@@ -311,21 +311,34 @@ def test_impossible_settings_are_refused(fields):
         RhythmPredictorConfig(**fields)
 
 
-def test_work_in_between_changes_no_prediction(monkeypatch):
-    slices = []
+@pytest.fixture
+def steps(monkeypatch):
+    """Of each step of the search, whether it ended its slice."""
+    noted = []
     step = RhythmSearch.step
-    monkeypatch.setattr(RhythmSearch, "step", lambda self: slices.append(None) or step(self))
+
+    def note(self):
+        found = step(self)
+        noted.append(not self.midway)
+        return found
+
+    monkeypatch.setattr(RhythmSearch, "step", note)
+    return noted
+
+
+@pytest.mark.parametrize("pieces", [1, 3])
+def test_work_in_between_changes_no_prediction(steps, pieces):
     worked, left_alone = RhythmPredictor(), RhythmPredictor()
     for captured_ns, measured in stream(breathing_and_beating, noise=5e-5, seed=4, drop=0.1):
         told, saw = [], []
         for predictor in (worked, left_alone):
             told.append(predictor.update(measured, captured_ns))
             if predictor is worked:
-                before = len(slices)
-                for _ in range(3):
+                before = len(steps)
+                for _ in range(pieces):
                     predictor.work()
-                # However often there is time: one slice a measurement, and none of it left for the next one.
-                assert len(slices) - before <= 1
+                # However often there is time: one slice a measurement.
+                assert sum(steps[before:]) <= 1
             prediction = predictor.predict(captured_ns + 140_000_000)
             saw.append((prediction.value, prediction.velocity, prediction.trusted))
         assert told[0] == told[1]
@@ -334,14 +347,24 @@ def test_work_in_between_changes_no_prediction(monkeypatch):
     assert worked.frequencies_hz == left_alone.frequencies_hz
 
 
-def test_a_measurement_after_work_brings_no_search_with_it(monkeypatch):
+def test_a_measurement_after_work_brings_no_search_with_it(steps):
     predictor = RhythmPredictor()
-    searched = []
-    step = RhythmSearch.step
-    monkeypatch.setattr(RhythmSearch, "step", lambda self: searched.append(None) or step(self))
     for captured_ns, measured in stream(breathing_and_beating, seconds=8.0):
-        before = len(searched)
+        before = len(steps)
         predictor.update(measured, captured_ns)
-        assert len(searched) == before
-        predictor.work()
-    assert len(searched) > 50
+        assert len(steps) == before
+        # As often as there is time between two frames.
+        for _ in range(3):
+            predictor.work()
+    assert sum(steps) > 50
+
+
+def test_a_slice_is_worked_off_piece_by_piece(steps):
+    predictor = RhythmPredictor()
+    for captured_ns, measured in stream(breathing_and_beating, seconds=8.0):
+        predictor.update(measured, captured_ns)
+        before = len(steps)
+        for pieces in range(1, 4):
+            predictor.work()
+            assert len(steps) - before <= pieces
+    assert steps.count(False) >= 3
