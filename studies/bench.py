@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.shafts import INSTRUMENT
 from laploop.control.messages import ControlInput
+from laploop.control.motion_predictor import Prediction, RhythmPredictor
 from laploop.control.rcm_controller import RcmController
 from laploop.control.reach_controller import ReachController
 from laploop.control.robot import ArmModel
@@ -37,6 +38,8 @@ from laploop.perception.geometry import Rig, invert_transform
 from laploop.perception.messages import DepthFrame, StripeFrame
 from laploop.perception.reprojection import reproject
 from laploop.studies.bench_result import BenchResult, Stage
+
+Result = TypeVar("Result")
 
 _WARM_UP_CALLS = 10
 _PRESS_TICKS, _PRESS_MPS = 25, 0.005
@@ -103,7 +106,7 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
     estimators = {name: make_estimator(name, rig) for name in config.estimators}
     touch = _reach_the_tissue(config)
     report(0.2)
-    tracking = _tracking_ticks(config)
+    tracking, core = _tracking_ticks(config)
     report(0.3)
     env = touch.env
     theatre = env.loop.theatre
@@ -115,6 +118,7 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
         Stage.of("control tick: targeting", touch.targeting_s),
         Stage.of("control tick: inverse kinematics", touch.inverse_kinematics_s),
         Stage.of("control tick: prediction", tracking),
+        Stage.of("control tick: kinematics, QP, prediction", core),
     ]
     camera = StripeCamera(env.loop.rig, env.config.loop.stripes, device=env.config.loop.device)
     camera.attach(theatre.model)
@@ -163,18 +167,52 @@ def _reach_the_tissue(config: BenchConfig) -> _Touch:
     raise SimulationError(f"no success in {_MOST_EPISODES} episodes with exact depth; there is nothing to measure contact on")
 
 
-def _tracking_ticks(config: BenchConfig) -> list[float]:
-    """Time whole control ticks over tissue that breathes: targeting, prediction by rhythms, and the arm's quadratic program."""
+class _TimedPredictor:
+    """A predictor by rhythms that tells how long it has worked."""
+
+    def __init__(self) -> None:
+        self._predictor = RhythmPredictor()
+        self.spent_s = 0.0
+
+    def reset(self) -> None:
+        self._predictor.reset()
+
+    def update(self, measured: float | None, captured_ns: int) -> bool:
+        return self._took(time.perf_counter(), self._predictor.update(measured, captured_ns))
+
+    def predict(self, at_ns: int) -> Prediction:
+        return self._took(time.perf_counter(), self._predictor.predict(at_ns))
+
+    def work(self) -> bool:
+        return self._took(time.perf_counter(), self._predictor.work())
+
+    def _took(self, began: float, result: Result) -> Result:
+        self.spent_s += time.perf_counter() - began
+        return result
+
+
+def _tracking_ticks(config: BenchConfig) -> tuple[list[float], list[float]]:
+    """Time control ticks over tissue that breathes.
+
+    Returns:
+        Seconds of whole ticks: targeting, prediction by rhythms, and the arm's quadratic program; and of the same without the
+        measurement of depth frames, that is of kinematics, quadratic program and prediction alone.
+    """
     track = replace(TrackEnv.default_config(), motion=BaseMotion.named("breathing"), max_seconds=config.seconds)
     env = TrackEnv(track, perception="oracle")
-    controller = TrackController(env.loop.rig)
+    predictor = _TimedPredictor()
+    controller = TrackController(env.loop.rig, predictor=predictor)
     env.reset(seed=config.seed)
     rcm = _kinematics_of(env)
+    core: list[float] = []
 
     def tick(state: ControlInput, rotation: NDArray[np.float64], scope_pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        predictor.spent_s = 0.0
         velocity = controller.command(state)
+        began = time.perf_counter()
         rcm.set_other_shaft(scope_pose, scope.shaft)
         rcm.step(rotation @ velocity, env.config.loop.rates.control_s)
+        core.append(predictor.spent_s + time.perf_counter() - began)
         return velocity
 
     seconds: list[float] = []
@@ -185,7 +223,7 @@ def _tracking_ticks(config: BenchConfig) -> list[float]:
         velocity = _timed(seconds, tick, env.control_input(), rotation, env.loop.scope.tip_pose_in_world())
         _, _, terminated, truncated, _ = env.step(velocity.astype(np.float32))
     env.close()
-    return seconds
+    return seconds, core
 
 
 def _kinematics_of(env: TaskEnv[Any]) -> RcmController:
