@@ -19,6 +19,7 @@ STAGES = {
     "control tick: targeting",
     "control tick: inverse kinematics",
     "control tick: prediction",
+    "control tick: kinematics, QP, prediction",
     "stripe frame",
     "depth: oracle",
     "depth: phase",
