@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from laploop.errors import InvalidValueError
 from laploop.perception.networks.ssle_phase_front import PhaseFeatures, PhaseFilters, PhaseFrontEnd, RigBatch
-from laploop.perception.networks.ssle_phase_reader import PhaseReader, PhaseReading
+from laploop.perception.networks.ssle_phase_reader import PhaseReader
 from laploop.perception.networks.ssle_phase_refiner import PhaseRefiner
 
 FORMAT = "laploop-ssle-phase-2"
@@ -90,7 +90,7 @@ class SslePhase(nn.Module):
         filters = self.prepare(rigs) if isinstance(rigs, RigBatch) else rigs
         seen = self.see(image, filters)
         reading = self.reader(seen, self.front, filters)
-        return self.refine(seen, reading, filters)
+        return self.refine(seen, reading.turns, reading.log_scale, filters)
 
     def see(self, image: Tensor, filters: PhaseFilters) -> PhaseFeatures:
         """Run the front end, in single precision."""
@@ -98,10 +98,10 @@ class SslePhase(nn.Module):
             features: PhaseFeatures = self.front(image, filters)
         return features
 
-    def refine(self, seen: PhaseFeatures, reading: PhaseReading, filters: PhaseFilters) -> SslePhaseOutput:
-        """Put a reading right; no gradient goes into it."""
-        turns, log_scale = self.refiner(seen, reading, self.front, filters)
-        return triangulated(turns, log_scale, filters.turns_metre)
+    def refine(self, seen: PhaseFeatures, turns: Tensor, log_scale: Tensor, filters: PhaseFilters) -> SslePhaseOutput:
+        """Put a reading, turns and the logarithm of their scale, right; no gradient goes into it."""
+        better, its_log_scale = self.refiner(seen, turns, log_scale, self.front, filters)
+        return triangulated(better, its_log_scale, filters.turns_metre)
 
 
 def triangulated(turns: Tensor, log_scale: Tensor, turns_metre: Tensor) -> SslePhaseOutput:

@@ -21,7 +21,6 @@ from laploop.perception.networks.ssle_phase_front import (
     limit_turns,
     turn_back,
 )
-from laploop.perception.networks.ssle_phase_reader import PhaseReading
 
 _MAPS = 4
 _RELIEF_PX = 16
@@ -45,21 +44,33 @@ class PhaseRefiner(nn.Module):
             self.head.bias = nn.Parameter(torch.tensor([0.0] * 4 + [3.0] * 4 + [0.0] * 8))
 
     def forward(
-        self, seen: PhaseFeatures, reading: PhaseReading, front: PhaseFrontEnd, filters: PhaseFilters
+        self, seen: PhaseFeatures, turns: Tensor, log_scale: Tensor, front: PhaseFrontEnd, filters: PhaseFilters
     ) -> tuple[Tensor, Tensor]:
-        """Return turns of phase and the natural logarithm of their scale in turns, both (B, height, width)."""
-        first, metre = reading.turns.detach(), filters.turns_metre
+        """Put a reading right; no gradient goes into it.
+
+        Args:
+            seen: What the front end has read.
+            turns: Turns of phase of the reading, (B, height, width).
+            log_scale: Natural logarithm of their scale in turns, (B, height, width).
+            front: The front end.
+            filters: What depends on the rigs.
+
+        Returns:
+            The same two, put right.
+        """
+        first, metre = turns.detach(), filters.turns_metre
         with torch.no_grad(), torch.autocast(device_type=first.device.type, enabled=False):
-            features = self._features(seen, reading, front, filters)
+            features = self._features(seen, first, log_scale, front, filters)
         level = self.trunk(features.contiguous(memory_format=torch.channels_last))
         step, gate, free, log_factor = functional.pixel_shuffle(self.head(level).float(), 2).unbind(dim=1)
         trust = torch.sigmoid(gate)
         elsewhere = metre / REFERENCE_M * torch.exp(-free.clamp(-1.8, 1.15))
-        turns = trust * (first + _STEP_TURNS * step) + (1.0 - trust) * elsewhere
-        return limit_turns(turns, metre), reading.log_scale.detach() + log_factor
+        better = trust * (first + _STEP_TURNS * step) + (1.0 - trust) * elsewhere
+        return limit_turns(better, metre), log_scale.detach() + log_factor
 
-    def _features(self, seen: PhaseFeatures, reading: PhaseReading, front: PhaseFrontEnd, filters: PhaseFilters) -> Tensor:
-        turns = reading.turns
+    def _features(
+        self, seen: PhaseFeatures, turns: Tensor, log_scale: Tensor, front: PhaseFrontEnd, filters: PhaseFilters
+    ) -> Tensor:
         turned = turn_back(seen.products, turns)
         angle = 2.0 * math.pi * turns
         # The carrier turned the same way: where on its stripe a pixel lies.
@@ -79,7 +90,7 @@ class PhaseRefiner(nn.Module):
         return torch.cat(
             [
                 functional.pixel_unshuffle(fine, 2),
-                functional.avg_pool2d(torch.cat([seen.levels, reading.log_scale[:, None] + 4.0], dim=1), 2),
+                functional.avg_pool2d(torch.cat([seen.levels, log_scale[:, None] + 4.0], dim=1), 2),
                 front.demodulate(turned, filters),
                 filters.maps,
             ],

@@ -201,12 +201,12 @@ class SslePhaseRecipe(_PhaseRecipe):
         image = batch["image"]
         filters = self.phase.prepare(rigs_of(batch))
         if "turns" in batch:
-            turns = batch["turns"]
-            reading = PhaseReading(turns=turns, first_turns=turns, coarse_turns=turns, log_scale=batch["log_scale"].float())
+            turns, log_scale = batch["turns"], batch["log_scale"].float()
         else:
             reading = self._read(image, filters)
+            turns, log_scale = reading.turns, reading.log_scale
         with self.autocast(image.device):
-            return self.phase.refine(self.phase.see(image, filters), reading, filters)
+            return self.phase.refine(self.phase.see(image, filters), turns, log_scale, filters)
 
 
 def rigs_of(batch: Batch) -> RigBatch:

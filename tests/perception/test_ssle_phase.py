@@ -168,9 +168,9 @@ def test_untrained_refiner_leaves_a_reading_as_it_is_but_for_its_gate(rigs, netw
     with torch.no_grad():
         network.refiner.head.weight.zero_()
         seen, reading, filters = _read(network, rigs, 0.1)
-        ajar = network.refine(seen, reading, filters)
+        ajar = network.refine(seen, reading.turns, reading.log_scale, filters)
         network.refiner.head.bias[4:8] = 20.0  # gate open
-        output = network.refine(seen, reading, filters)
+        output = network.refine(seen, reading.turns, reading.log_scale, filters)
     torch.testing.assert_close(output.turns, reading.turns)
     reference = filters.turns_metre / REFERENCE_M
     trust = 1.0 / (1.0 + math.exp(-3.0))
@@ -182,8 +182,8 @@ def test_refiner_sees_the_same_whatever_the_number_of_stripes(network):
     rigs = [Rig.from_optics(replace(NOMINAL, mask=StripeMask(stripes=stripe_count))) for stripe_count in (8, 12)]
     with torch.no_grad():
         seen, reading, filters = _read(network, rigs, 0.1)
-        right = replace(reading, turns=(filters.turns_metre / 0.1).expand_as(reading.turns))
-        features = network.refiner._features(seen, right, network.front, filters)
+        right = (filters.turns_metre / 0.1).expand_as(reading.turns)
+        features = network.refiner._features(seen, right, reading.log_scale, network.front, filters)
     contrast = features[:, 33, 8:-8, 8:-8]  # the first window's, at half size
     sine = features[:, 32, 8:-8, 8:-8]
     assert float(sine.abs().max()) < 0.05
