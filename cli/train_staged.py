@@ -48,6 +48,8 @@ class StagedArguments:
     """Of the first stage of `ssle-phase`."""
     reader: Path | None = None
     """Weights of a trained first stage of `ssle-phase`, which is then not trained again."""
+    start: Path | None = None
+    """Weights of a trained `ssle-phase` to go on from: its first stage stays as it is, its last learns on."""
     batch: int | None = None
     accumulate: int | None = None
     """Batches whose gradients are added before a step."""
@@ -67,7 +69,7 @@ class StagedArguments:
         Raises:
             InvalidValueError: If another model is asked for, or a count is below 1.
         """
-        for model, names in (("ssle", ("vq_epochs",)), ("ssle-phase", ("reader_epochs", "reader"))):
+        for model, names in (("ssle", ("vq_epochs",)), ("ssle-phase", ("reader_epochs", "reader", "start"))):
             for name in names:
                 if getattr(self, name) is not None and self.model != model:
                     raise InvalidValueError(name, getattr(self, name), f"only with --model {model}")
@@ -155,7 +157,7 @@ def _ssle_phase(chosen: StagedArguments, dataset: DepthDataset) -> Plan:
         usual, refiner=chosen.changed(usual.refiner), reader=chosen.changed_first(usual.reader, chosen.reader_epochs)
     )
     config = SslePhaseConfig(height=dataset.optics.height, width=dataset.optics.width)
-    return train_ssle_phase, {"config": config, "training": training, "reader": chosen.reader}
+    return train_ssle_phase, {"config": config, "training": training, "reader": chosen.reader, "start": chosen.start}
 
 
 _MODELS: dict[str, Callable[[StagedArguments, DepthDataset], Plan]] = {

@@ -14,11 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from pink import Configuration
 from pink.limits import Limit
 
-from laploop.control.rcm import moment, world_from_shaft
+from laploop.control.rcm import moment, pose_rows, world_from_shaft
 from laploop.control.robot import SHAFT_TIP, checked_vector, read_only
 from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
+Point = Sequence[float]
+"""(3,)."""
 
 GAIN = 0.1
 """Share of the room left that one step may use: 12.5 per second at 125 Hz, gentle enough for the joints' acceleration."""
@@ -33,7 +35,7 @@ class ShaftClearanceLimit(Limit):
     def __init__(self, *, length_m: float, radius_m: float, margin_m: float) -> None:
         """Take the own shaft's length from tip to flange and its radius, and the room to keep between the surfaces."""
         self._length, self._radius, self._margin = length_m, radius_m, margin_m
-        self._other: tuple[Array, Array, float] | None = None
+        self._other: tuple[Point, Point, float] | None = None
         self.reasons: Sequence[str] = ()
         """Of each row of the last step."""
 
@@ -45,8 +47,9 @@ class ShaftClearanceLimit(Limit):
         """
         if not 0.0 <= radius_m < math.inf:
             raise InvalidValueError("radius_m", radius_m, "finite, 0 or more")
-        tip = checked_vector("tip_in_world", tip_in_world, 3)
-        self._other = tip, checked_vector("flange_in_world", flange_in_world, 3), radius_m
+        ends = (("tip_in_world", tip_in_world), ("flange_in_world", flange_in_world))
+        tip, flange = (checked_vector(name, end, 3).tolist() for name, end in ends)
+        self._other = tip, flange, radius_m
 
     def clear_other(self) -> None:
         """Forget the other shaft."""
@@ -56,32 +59,33 @@ class ShaftClearanceLimit(Limit):
         """Return the room between the surfaces in metres; infinite without another shaft."""
         if self._other is None:
             return math.inf
-        pose = world_from_shaft(configuration)
-        return self._nearest(pose[:3, 3], pose[:3, 2], *self._other)[0]
+        return self._nearest(configuration, *self._other)[0]
 
     def compute_qp_inequalities(self, configuration: Configuration, dt: float) -> tuple[Array, Array] | None:  # noqa: ARG002
         """Return G (1, nv) and h (1,) of `G dq <= h`, or None far from the other shaft."""
         self.reasons = ()
         if self._other is None:
             return None
-        pose = world_from_shaft(configuration)
-        distance, along, direction = self._nearest(pose[:3, 3], pose[:3, 2], *self._other)
+        distance, along, direction = self._nearest(configuration, *self._other)
         room = distance - self._margin
         if room > _WATCHED_M:
             return None
         self.reasons = ("the other shaft",)
         jacobian = configuration.get_frame_jacobian(SHAFT_TIP)
         moved = jacobian[:3] - moment(np.array([0.0, 0.0, -along])) @ jacobian[3:]
-        gradient = (pose[:3, :3].T.copy() @ direction) @ moved
+        gradient = (world_from_shaft(configuration)[:3, :3].T.copy() @ direction) @ moved
         return -gradient[None, :], np.array([max(GAIN * room, 0.0)])
 
-    def _nearest(self, tip: Array, axis: Array, end: Array, other_end: Array, radius: float) -> tuple[float, float, Array]:
+    def _nearest(self, configuration: Configuration, end: Point, other_end: Point, radius: float) -> tuple[float, float, Point]:
         """Return the room between the surfaces, how far from the own tip it is least, and the unit way out, (3,)."""
-        s, t = nearest_parameters(tip, tip - self._length * axis, end, other_end)
-        apart = (tip - s * self._length * axis) - (end + t * (other_end - end))
-        distance = math.sqrt(apart @ apart)
+        (_, _, a, x), (_, _, b, y), (_, _, c, z), _ = pose_rows(configuration)
+        tip, flange = (x, y, z), (x - self._length * a, y - self._length * b, z - self._length * c)
+        s, t = nearest_parameters(tip, flange, end, other_end)
+        own, other = _difference(flange, tip), _difference(other_end, end)
+        apart = [p + s * u - q - t * v for p, u, q, v in zip(tip, own, end, other, strict=True)]
+        distance = math.sqrt(_dot(apart, apart))
         # Axes that cross have no direction of their own: any way across both is one.
-        direction = apart / distance if distance > 1e-9 else _across(axis, other_end - end)
+        direction = [way / distance for way in apart] if distance > 1e-9 else _across(own, other)
         return distance - radius - self._radius, s * self._length, direction
 
 
@@ -114,6 +118,7 @@ class WallLimit(Limit):
         if size < 1e-9:
             raise InvalidValueError("outwards", normal.tolist(), "a vector that is not zero")
         self._outwards = read_only(normal / size)
+        self._plain_outwards: Point = self._outwards.tolist()
         self._height = float(self._outwards @ checked_vector("trocar_in_world", trocar_in_world, 3))
         self._length, self._tip_room, self._flange_room = length_m, tip_room_m, flange_room_m
         self.reasons: Sequence[str] = ()
@@ -121,16 +126,17 @@ class WallLimit(Limit):
 
     def compute_qp_inequalities(self, configuration: Configuration, dt: float) -> tuple[Array, Array] | None:  # noqa: ARG002
         """Return G (n, nv) and h (n,) of `G dq <= h` with a row for each end that is near the wall, or None."""
-        pose = world_from_shaft(configuration)
-        above = float(self._outwards @ pose[:3, 3]) - self._height
-        lean = float(self._outwards @ pose[:3, 2])
+        (_, _, a, x), (_, _, b, y), (_, _, c, z), _ = pose_rows(configuration)
+        outwards = self._plain_outwards
+        above = _dot(outwards, (x, y, z)) - self._height
+        lean = _dot(outwards, (a, b, c))
         tip_room = -above - self._tip_room
         flange_room = above - self._length * lean - self._flange_room
         self.reasons = ()
         if min(tip_room, flange_room) > _WATCHED_M:
             return None
         jacobian = configuration.get_frame_jacobian(SHAFT_TIP)
-        normal = pose[:3, :3].T.copy() @ self._outwards
+        normal = world_from_shaft(configuration)[:3, :3].T.copy() @ self._outwards
         rows, bounds, reasons = [], [], []
         if tip_room <= _WATCHED_M:
             rows.append(normal @ jacobian[:3])
@@ -145,12 +151,12 @@ class WallLimit(Limit):
         return np.array(rows), np.array(bounds)
 
 
-def nearest_parameters(a: Array, b: Array, c: Array, d: Array) -> tuple[float, float]:
+def nearest_parameters(a: Point, b: Point, c: Point, d: Point) -> tuple[float, float]:
     """Return s and t from 0 to 1 for which `a + s (b - a)` and `c + t (d - c)` are nearest to each other.
 
     Closed form of Ericson, Real-Time Collision Detection, 5.1.9; the segments must not be points.
     """
-    u, v, w = (b - a).tolist(), (d - c).tolist(), (a - c).tolist()
+    u, v, w = _difference(b, a), _difference(d, c), _difference(a, c)
     uu, vv, uv, uw, vw = _dot(u, u), _dot(v, v), _dot(u, v), _dot(u, w), _dot(v, w)
     denominator = uu * vv - uv * uv
     s = min(max((uv * vw - uw * vv) / denominator, 0.0), 1.0) if denominator > 1e-12 * uu * vv else 0.0
@@ -162,15 +168,20 @@ def nearest_parameters(a: Array, b: Array, c: Array, d: Array) -> tuple[float, f
     return s, t
 
 
-def _dot(u: Sequence[float], v: Sequence[float]) -> float:
-    """Multiply three numbers with three: numpy takes several times as long for so few."""
+def _difference(u: Point, v: Point) -> Point:
+    """Subtract three numbers from three: numpy takes several times as long for so few."""
+    return (u[0] - v[0], u[1] - v[1], u[2] - v[2])
+
+
+def _dot(u: Point, v: Point) -> float:
+    """Multiply three numbers with three."""
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-def _across(u: Array, v: Array) -> Array:
+def _across(u: Point, v: Point) -> Point:
     normal = np.cross(u, v)
     size = float(np.linalg.norm(normal))
     if size < 1e-12 * float(np.linalg.norm(u)) * float(np.linalg.norm(v)):
         normal = np.cross(u, np.eye(3)[int(np.argmin(np.abs(u)))])
         size = float(np.linalg.norm(normal))
-    return normal / size
+    return tuple((normal / size).tolist())

@@ -76,14 +76,19 @@ class HarmonicFilter:
         self.time_ns = time_ns
         self._state = state.copy()
         self._covariance = covariance.copy()
-        self._bounds = bounds_rad_s
+        self._bounds = [
+            (place, low, high) for place, (low, high) in zip(model.rates.tolist(), bounds_rad_s.tolist(), strict=True)
+        ]
         self._variance_range = (noise.measurement_floor_m**2, noise.measurement_ceiling_m**2)
         self._measured_variance = float(np.clip(measurement_sigma_m**2, *self._variance_range))
         self._observation = model.look_ahead(state, 0.0).gradient
-        # Variances a second by the squared phasors and frequencies of the state.
-        self._restless_phasors = (noise.amplitude / model.order[:, None]) ** 2 * (model.rhythm[:, None] == model.rhythm)
-        self._diagonal = np.zeros(model.size)
-        self._diagonal[0] = noise.bias_m**2
+        # Variances a second by the squares of the state: those of the phasors by the power of their rhythm, and of the rates.
+        share = (noise.amplitude / model.order[:, None]) ** 2 * (model.rhythm[:, None] == model.rhythm)
+        self._restless = np.zeros((model.size, model.size))
+        for rows in (model.real, model.imaginary):
+            for columns in (model.real, model.imaginary):
+                self._restless[np.ix_(rows, columns)] = share
+        self._restless[model.rates, model.rates] = noise.frequency**2
         # What the random walks add to an outlook, by the summed squares of all amplitudes.
         self._wander = noise.phase_rad**2 + noise.amplitude**2
 
@@ -109,8 +114,7 @@ class HarmonicFilter:
         gradient = outlook.gradient
         variance = float(gradient @ (self._covariance @ gradient))
         # What the random walks add on the way, as if all phasors were seen in full.
-        phasors = self._state[self.model.parts]
-        wander = self._noise.bias_m**2 + self._wander * float(phasors @ phasors)
+        wander = self._noise.bias_m**2 + self._wander * outlook.power
         return outlook, math.sqrt(max(variance, 0.0) + abs(seconds) * wander)
 
     def value_at(self, time_ns: int) -> float:
@@ -123,10 +127,8 @@ class HarmonicFilter:
         model, noise = self.model, self._noise
         self._state, transition = model.advance(self._state, seconds)
         covariance = transition @ self._covariance @ transition.T
-        power = self._state[model.real] ** 2 + self._state[model.imaginary] ** 2
-        diagonal = self._diagonal
-        diagonal[model.rates] = (noise.frequency * self._state[model.rates]) ** 2
-        diagonal[model.real] = diagonal[model.imaginary] = self._restless_phasors @ power
+        diagonal = self._restless @ (self._state * self._state)
+        diagonal[0] = noise.bias_m**2
         directions = model.phase_directions(self._state)
         covariance += (unrest * seconds * noise.phase_rad**2) * (directions.T @ directions)
         covariance.reshape(-1)[:: model.size + 1] += unrest * seconds * diagonal
@@ -145,8 +147,10 @@ class HarmonicFilter:
         gain = self._covariance @ self._observation / variance
         self._state += gain * surprise
         self._covariance -= np.multiply.outer(variance * gain, gain)
-        rates = self.model.rates
-        self._state[rates] = np.minimum(np.maximum(self._state[rates], self._bounds[:, 0]), self._bounds[:, 1])
+        for place, low, high in self._bounds:
+            rate = self._state[place]
+            if not low <= rate <= high:
+                self._state[place] = min(max(rate, low), high)
         self._learn_noise(surprise, variance)
         return surprise**2 / variance
 

@@ -1,5 +1,7 @@
 """A bias and harmonics of a few slow rhythms: the state that describes them, its motion in time, its derivatives."""
 
+import cmath
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -21,6 +23,8 @@ class Outlook:
     """m/s."""
     gradient: Array
     """(size,), derivative of the value by the state."""
+    power: float
+    """Summed squares of all phasors, m^2."""
 
 
 class HarmonicModel:
@@ -28,6 +32,9 @@ class HarmonicModel:
 
     The state is `[b, w_1, Re z_11, Im z_11, Re z_12, ..., w_2, ...]`, in metres and rad/s. The phasors z turn with time, so
     that a phase is no state of its own; what is measured now is linear in the state, and only the turning is not.
+
+    A state has about a dozen numbers: what goes through a single one is worked out in plain Python, number by number, which
+    for so few is quicker than a chain of numpy's functions.
     """
 
     def __init__(self, harmonics: tuple[int, ...]) -> None:
@@ -56,18 +63,20 @@ class HarmonicModel:
         self._leads = self.order[:, None] * self._member
         owner = self.rates[self.rhythm]
         self._eye = np.eye(self.size)
-        # Places of the transition, as it lies in memory, that a turn by some seconds fills in.
+        # Places of the transition, as it lies in memory, that a turn by some seconds fills in, harmonic by harmonic.
         rows = (self.real, self.real, self.imaginary, self.imaginary, self.real, self.imaginary)
         columns = (self.real, self.imaginary, self.real, self.imaginary, owner, owner)
-        self._turning = np.stack([row * self.size + column for row, column in zip(rows, columns, strict=True)])
+        turning = np.stack([row * self.size + column for row, column in zip(rows, columns, strict=True)], axis=-1)
+        self._turning = turning.ravel()
+        # How a phase that runs ahead moves the state, rhythm by rhythm.
+        clocks = np.zeros((len(harmonics), self.size, self.size))
+        clocks[self.rhythm, self.real, self.imaginary] = -self.order
+        clocks[self.rhythm, self.imaginary, self.real] = self.order
+        self._clocks = clocks.reshape(-1, self.size)
 
     def phasors(self, state: Array) -> NDArray[np.complex128]:
         """Return the phasors (n,) of a state."""
         return np.asarray(state[self.parts].view(np.complex128))
-
-    def angular_rates(self, state: Array) -> Array:
-        """Return the rate in rad/s of every harmonic's phasor, (n,)."""
-        return np.asarray(self._leads @ state[self.rates])
 
     def amplitudes(self, state: Array) -> Array:
         """Return the amplitude of each rhythm, (rhythms,), over all its harmonics: the root of their summed squares."""
@@ -75,20 +84,41 @@ class HarmonicModel:
 
     def look_ahead(self, state: Array, seconds: float) -> Outlook:
         """Return value, velocity and gradient at a time after (or before) the state's."""
-        rates = self.angular_rates(state)
-        turn = np.exp(1j * seconds * rates)
-        turned = self.phasors(state) * turn
-        gradient = np.empty(self.size)
-        gradient[0] = 1.0
-        gradient[self.parts] = turn.conj().view(np.float64)
-        imaginary = turned.imag
-        gradient[self.rates] = -seconds * (imaginary @ self._leads)
-        return Outlook(value=float(state[0] + turned.real.sum()), velocity=-float(rates @ imaginary), gradient=gradient)
+        value, velocity, power = float(state[0]), 0.0, 0.0
+        gradient = [1.0]
+        for rate, harmonics in self._turned(state, seconds):
+            lever = 0.0
+            parts: list[float] = []
+            for order, turn, turned in harmonics:
+                value += turned.real
+                lever += order * turned.imag
+                power += turned.real * turned.real + turned.imag * turned.imag
+                parts += (turn.real, -turn.imag)
+            velocity -= rate * lever
+            gradient += (-seconds * lever, *parts)
+        return Outlook(value=value, velocity=velocity, gradient=np.array(gradient), power=power)
 
     def value_ahead(self, state: Array, seconds: float) -> float:
         """Return the value alone at a time after (or before) the state's."""
-        turn = np.exp(1j * seconds * self.angular_rates(state))
-        return float(state[0] + (self.phasors(state) * turn).real.sum())
+        value = float(state[0])
+        for _, harmonics in self._turned(state, seconds):
+            for _, _, turned in harmonics:
+                value += turned.real
+        return value
+
+    def _turned(self, state: Array, seconds: float) -> Iterator[tuple[float, Sequence[tuple[int, complex, complex]]]]:
+        """Yield the rate of each rhythm and, of its harmonics, order, turn in some seconds, and phasor after that."""
+        numbers, place = state.tolist(), 1
+        for count in self.harmonics:
+            rate = numbers[place]
+            first = turn = cmath.rect(1.0, rate * seconds)
+            harmonics = []
+            for order in range(1, count + 1):
+                phasor = complex(numbers[place + 2 * order - 1], numbers[place + 2 * order])
+                harmonics.append((order, turn, phasor * turn))
+                turn *= first
+            yield rate, harmonics
+            place += 1 + 2 * count
 
     def table(self, state: Array, seconds: Array, turns: NDArray[np.complex128] | None = None) -> tuple[Array, Array]:
         """Return the values (m,) at many times relative to the state's, and their derivatives by the state (m, size).
@@ -125,28 +155,21 @@ class HarmonicModel:
 
     def advance(self, state: Array, seconds: float) -> tuple[Array, Array]:
         """Return the state a while later, and its derivative by the present one, (size, size)."""
-        turn = np.exp(1j * seconds * self.angular_rates(state))
-        turned = self.phasors(state) * turn
-        later = state.copy()
-        later[self.parts] = turned.view(np.float64)
-        block = np.empty(self._turning.shape)
-        block[0] = block[3] = turn.real
-        block[2] = turn.imag
-        block[1] = -block[2]
-        lever = seconds * self.order
-        np.multiply(-lever, turned.imag, out=block[4])
-        np.multiply(lever, turned.real, out=block[5])
+        later = [float(state[0])]
+        block: list[float] = []
+        for rate, harmonics in self._turned(state, seconds):
+            later.append(rate)
+            for order, turn, turned in harmonics:
+                later += (turned.real, turned.imag)
+                lever = order * seconds
+                block += (turn.real, -turn.imag, turn.imag, turn.real, -lever * turned.imag, lever * turned.real)
         transition = self._eye.copy()
         transition.reshape(-1)[self._turning] = block
-        return later, transition
+        return np.array(later), transition
 
     def phase_directions(self, state: Array) -> Array:
         """Return how the state changes if each rhythm's clock runs ahead by a radian, (rhythms, size)."""
-        phasors = self.phasors(state)
-        directions = np.zeros((len(self.harmonics), self.size))
-        directions[self.rhythm, self.real] = -self.order * phasors.imag
-        directions[self.rhythm, self.imaginary] = self.order * phasors.real
-        return directions
+        return (self._clocks @ state).reshape(len(self.harmonics), self.size)
 
 
 @cache

@@ -142,10 +142,10 @@ class RhythmPredictorConfig:
 class RhythmPredictor:
     """Predicts a displacement that is a bias plus respiration plus heartbeat of unknown, drifting frequencies.
 
-    A search over the last seconds goes on all the time, one slice a measurement, done by `work` in between, piece by piece, or
-    else with the next measurement, which comes to the same. What it finds starts a Kalman filter on
-    bias, frequencies and phasors, which follows drift. Later findings start a second filter on trial, which replaces the
-    first if it forecasts clearly better. A measurement that surprises a trusted filter is put aside; several alike in a row
+    A search over the last seconds goes on all the time, one slice a measurement. What it finds starts a Kalman filter on bias,
+    frequencies and phasors, which follows drift. Later findings start a second filter on trial, which replaces the first if it
+    forecasts clearly better. Search and trial are done by `work` between measurements, piece by piece, or else with the next
+    one, which comes to the same. A measurement that surprises a trusted filter is put aside; several alike in a row
     are a step of the bias (tissue pushed, stage moved), several that do not agree end the filter. An overtaken or invalid
     measurement is ignored.
     """
@@ -160,7 +160,7 @@ class RhythmPredictor:
         self._newest_ns: int | None
         self._doubtful: list[float]
         self._consistent: bool
-        self._slice_due: bool
+        self._work_due: bool
         self.reset()
 
     def reset(self) -> None:
@@ -182,14 +182,13 @@ class RhythmPredictor:
         if self._newest_ns is not None and captured_ns <= self._newest_ns:
             return False
         first = self._newest_ns is None
-        while self._slice_due:
+        while self._work_due:
             self.work()
+        self._compare()
         self._newest_ns = captured_ns
         value = float(measured)
-        for one in (self._running, self._trial):
-            if one is not None:
-                one.advance(captured_ns)
         if self._running is not None:
+            self._running.advance(captured_ns)
             surprise, variance = self._running.filter.innovation(value)
         else:
             surprise, variance = (0.0 if first else value - self._believed), 0.0
@@ -216,13 +215,9 @@ class RhythmPredictor:
         self._doubtful.clear()
         self._believed, self._believed_ns = value, time_ns
         self._window.add(time_ns, value)
-        for one in (self._running, self._trial):
-            if one is not None:
-                one.correct(value)
-        if self._running is None or self._trial is None:
-            self._slice_due = True
-        else:
-            self._compare(self._running, self._trial)
+        if self._running is not None:
+            self._running.correct(value)
+        self._work_due = True
         self._consistent = self._running is not None and self._is_consistent(self._running)
 
     def _is_consistent(self, record: TrackRecord) -> bool:
@@ -243,7 +238,7 @@ class RhythmPredictor:
             step = float(np.median(recent))
             self._window.shift(step)
             self._search.reset()
-            self._slice_due = False
+            self._work_due = False
             self._trial = None
             self._consistent = False
             if self._running is not None:
@@ -255,11 +250,16 @@ class RhythmPredictor:
         return False
 
     def work(self) -> bool:
-        """Do a piece of the slice of the search that the last measurement has earned; say whether one was due."""
-        if not self._slice_due:
+        """Tell the filter on trial the last measurement, or else do a piece of the search; say whether that was due."""
+        if not self._work_due:
             return False
+        if self._trial is not None:
+            self._trial.advance(self._believed_ns)
+            self._trial.correct(self._believed)
+            self._work_due = False
+            return True
         found = self._search.step()
-        self._slice_due = self._search.midway
+        self._work_due = self._search.midway
         if found is not None:
             self._start(found)
         return True
@@ -282,12 +282,14 @@ class RhythmPredictor:
         else:
             self._trial = record
 
-    def _compare(self, running: TrackRecord, trial: TrackRecord) -> None:
+    def _compare(self) -> None:
         """End a trial that has lasted long enough."""
-        if trial.forecasts < self._config.trial:
+        running, trial = self._running, self._trial
+        if running is None or trial is None or trial.forecasts < self._config.trial:
             return
         if trial.forecast_variance < self._config.improvement * running.recent_forecast_variance(trial.forecasts):
             self._running = trial
+            self._consistent = self._is_consistent(trial)
         self._trial = None
 
     def _forget(self) -> None:
@@ -298,4 +300,4 @@ class RhythmPredictor:
         self._doubtful = []
         self._window.clear()
         self._search.reset()
-        self._slice_due = False
+        self._work_due = False

@@ -22,6 +22,9 @@ from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
 
+PoseRows = list[list[float]]
+"""A pose, 4x4, as plain numbers: quicker than an array where they are taken one by one."""
+
 _BODY = pin.ReferenceFrame.LOCAL
 
 _DEEPER_AND_BACK = np.array([[-1.0], [1.0]])
@@ -48,6 +51,7 @@ class ShaftConfiguration(Configuration):
         self._tip_jacobian = pin.getFrameJacobian(self.model, self.data, self._tip_id, _BODY)
         # As one array: the bindings of a pose's parts take as long as the forward kinematics where caches are cold.
         self.world_from_shaft: Array = self._tip_pose.homogeneous
+        self.pose_rows: PoseRows = self.world_from_shaft.tolist()
 
     def get_transform_frame_to_world(self, frame: str) -> pin.SE3:
         """Return the pose of a frame in the world."""
@@ -68,9 +72,17 @@ def world_from_shaft(configuration: Configuration) -> Array:
     return np.asarray(configuration.get_transform_frame_to_world(SHAFT_TIP).homogeneous)
 
 
+def pose_rows(configuration: Configuration) -> PoseRows:
+    """Return the same as `world_from_shaft` as rows of plain numbers."""
+    if isinstance(configuration, ShaftConfiguration):
+        return configuration.pose_rows
+    rows: PoseRows = world_from_shaft(configuration).tolist()
+    return rows
+
+
 def point_in_shaft(configuration: Configuration, point_in_world: Array) -> Array:
     """Return a point (3,) of the world in the shaft's frame, (3,), metres."""
-    (a, b, c, left), (d, e, f, back), (g, h, i, down), _ = world_from_shaft(configuration).tolist()
+    (a, b, c, left), (d, e, f, back), (g, h, i, down), _ = pose_rows(configuration)
     x, y, z = point_in_world.tolist()
     x, y, z = x - left, y - back, z - down
     return np.array([a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z])

@@ -140,6 +140,7 @@ class RhythmSearch:
         """Search, and leave what is found; yield after each piece whether its slice goes on."""
         found: tuple[tuple[RhythmBand, float], ...] = ()
         fit = yield from _refined((), seconds, values)
+        yield False
         for band in self._config.bands:
             left = values - fit.values
             best_hz, best_power = 0.0, math.inf
@@ -147,7 +148,9 @@ class RhythmSearch:
             candidates = candidates[candidates * -seconds[0] >= self._config.least_periods]
             for start in range(0, len(candidates), self._config.chunk):
                 some = candidates[start : start + self._config.chunk]
-                powers = _power_left(some, band.harmonics, seconds, left)
+                basis = _harmonic_basis(some, band.harmonics, seconds)
+                yield True
+                powers = _power_left(basis, left)
                 index = int(np.argmin(powers))
                 if powers[index] < best_power:
                     best_hz, best_power = float(some[index]), float(powers[index])
@@ -207,11 +210,8 @@ _PRIOR_FREQUENCY = 0.15
 _LEAST_NOISE_M = 2e-5
 
 
-def _power_left(candidates_hz: Array, harmonics: int, seconds: Array, values: Array) -> Array:
-    """Return the sum of squares left after least squares of a bias and harmonics at each frequency, (candidates,).
-
-    It is infinite where the fundamental is not the strongest harmonic: there the true frequency is a multiple.
-    """
+def _harmonic_basis(candidates_hz: Array, harmonics: int, seconds: Array) -> Array:
+    """Return a bias and the harmonics of each frequency at all times, (candidates, 1 + 2 harmonics, m)."""
     turn = np.exp(2j * np.pi * candidates_hz[:, None] * seconds)
     basis = np.ones((len(candidates_hz), 1 + 2 * harmonics, len(seconds)))
     power = turn
@@ -219,10 +219,18 @@ def _power_left(candidates_hz: Array, harmonics: int, seconds: Array, values: Ar
         basis[:, 1 + 2 * order] = power.real
         basis[:, 2 + 2 * order] = power.imag
         power = power * turn
+    return basis
+
+
+def _power_left(basis: Array, values: Array) -> Array:
+    """Return the sum of squares left after least squares of each frequency's basis, (candidates,).
+
+    It is infinite where the fundamental is not the strongest harmonic: there the true frequency is a multiple.
+    """
     gram = basis @ basis.swapaxes(1, 2)
     projected = basis @ values
     # A little of the diagonal keeps short windows solvable.
-    gram.reshape(len(gram), -1)[:, :: 2 + 2 * harmonics] *= 1.0 + 1e-6
+    gram.reshape(len(gram), -1)[:, :: gram.shape[-1] + 1] *= 1.0 + 1e-6
     solved = np.linalg.solve(gram, projected[..., None])[..., 0]
     strengths = np.hypot(solved[:, 1::2], solved[:, 2::2])
     left = values @ values - np.add.reduce(projected * solved, axis=1)
@@ -232,7 +240,7 @@ def _power_left(candidates_hz: Array, harmonics: int, seconds: Array, values: Ar
 def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, values: Array) -> Generator[bool, None, _Fit]:
     """Fit bias and phasors at given angular frequencies, then make one Gauss-Newton step on everything.
 
-    This is done in three pieces; it yields True, for a slice that goes on, between them.
+    This is done in two slices of two and three pieces; it yields, between them, whether the slice goes on.
     """
     model = harmonic_model(tuple(band.harmonics for band, _ in rhythms))
     state, precision = np.zeros(model.size), np.full(model.size, _PRIOR_AMPLITUDE_M**-2)
@@ -245,9 +253,10 @@ def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, valu
     # The derivatives by bias and phasors are what these are multiplied with, whatever they are.
     turns = model.turns(state, seconds)
     basis = model.table(state, seconds, turns)[1][:, linear]
+    yield True
     normal = basis.T @ basis + np.diag(precision[linear] * variance)
     state[linear] = np.linalg.solve(normal, basis.T @ values)
-    yield True
+    yield False
     fitted, jacobian = model.table(state, seconds, turns)
     normal = jacobian.T @ jacobian
     step = np.linalg.solve(
@@ -258,6 +267,7 @@ def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, valu
     state = state + step
     state[model.rates] = np.minimum(np.maximum(state[model.rates], low), high)
     fitted = model.values(state, seconds)
+    yield True
     left = values - fitted
     power = float(left @ left)
     noise = max(power / max(len(values) - model.size, 1), _LEAST_NOISE_M**2)

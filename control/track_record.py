@@ -1,11 +1,10 @@
 """A filter together with how well it has done lately: the grounds for trusting it."""
 
-import math
 from collections import deque
-from collections.abc import Collection
 from dataclasses import dataclass
 
 from laploop.control.harmonic_filter import HarmonicFilter
+from laploop.control.recent_mean import RecentMean
 
 _SURPRISE_MEMORY = 8
 """Measurements over which recent surprise, the normalised innovation squared, is averaged."""
@@ -34,9 +33,9 @@ class TrackRecord:
         self.filter = filtered
         self._horizon_ns = horizon_ns
         self._pending: deque[_Forecast] = deque()
-        self._nis: deque[float] = deque(maxlen=window)
-        self._forecast_squares: deque[float] = deque(maxlen=window)
-        self._held_squares: deque[float] = deque(maxlen=window)
+        self._nis = RecentMean(window)
+        self._forecast_squares = RecentMean(window)
+        self._held_squares = RecentMean(window)
         self._last: tuple[int, float] | None = None
         self._surprise = 1.0
 
@@ -48,21 +47,21 @@ class TrackRecord:
     @property
     def mean_nis(self) -> float:
         """Mean normalised innovation squared; 1 for a filter that is right about itself."""
-        return _mean(self._nis)
+        return self._nis.mean
 
     @property
     def forecast_variance(self) -> float:
         """Mean squared error of the forecasts in square metres, the measurement's noise included."""
-        return _mean(self._forecast_squares)
+        return self._forecast_squares.mean
 
     def recent_forecast_variance(self, count: int) -> float:
         """Return the mean squared error of the last so many forecasts."""
-        return _mean(list(self._forecast_squares)[-count:])
+        return self._forecast_squares.mean_of_last(count)
 
     @property
     def held_variance(self) -> float:
         """The same of holding the newest measurement; its noise counts twice."""
-        return _mean(self._held_squares)
+        return self._held_squares.mean
 
     def advance(self, time_ns: int) -> None:
         """Carry the filter on to a later time, the more freely the more it has been surprised lately.
@@ -100,8 +99,3 @@ class TrackRecord:
             record.clear()
         self._last = None
         self._surprise = 1.0
-
-
-def _mean(squares: Collection[float]) -> float:
-    """Return the mean, infinite of nothing."""
-    return math.fsum(squares) / len(squares) if squares else math.inf

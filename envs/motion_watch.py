@@ -97,7 +97,7 @@ class MotionWatch:
         worst.collision_steps += bool((theatre.data.contact.geom >= 0).all(axis=1).any())
 
     def _shaft_room(self, one: tuple[Array, Array], other: tuple[Array, Array]) -> float:
-        s, t = nearest_parameters(*one, *other)
+        s, t = nearest_parameters(*(end.tolist() for end in (*one, *other)))
         apart = one[0] + s * (one[1] - one[0]) - other[0] - t * (other[1] - other[0])
         radii = sum(0.5 * arm.shaft.diameter_m for arm in self._arms.values())
         return float(np.linalg.norm(apart)) - radii

@@ -2,23 +2,16 @@
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from laploop.assets.shafts import INSTRUMENT
-from laploop.control.messages import ControlInput
-from laploop.control.motion_predictor import Prediction, RhythmPredictor
 from laploop.control.rcm_controller import RcmController
 from laploop.control.reach_controller import ReachController
-from laploop.control.robot import ArmModel
-from laploop.control.track_controller import TrackController
-from laploop.envs.base_motion import BaseMotion
 from laploop.envs.closed_loop import LoopConfig
 from laploop.envs.episode import EpisodeConfig, run_episode
 from laploop.envs.reach_env import ReachConfig, ReachEnv
@@ -28,9 +21,7 @@ from laploop.envs.sensors.reference_camera import ReferenceCamera, lateral_mount
 from laploop.envs.sensors.reference_optics import ReferenceOptics
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.sensors.stripe_capture import StripeCapture
-from laploop.envs.task_env import TaskEnv
 from laploop.envs.theatre import Theatre
-from laploop.envs.track_env import TrackEnv
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.estimators.registry import make_estimator
@@ -38,8 +29,7 @@ from laploop.perception.geometry import Rig, invert_transform
 from laploop.perception.messages import DepthFrame, StripeFrame
 from laploop.perception.reprojection import reproject
 from laploop.studies.bench_result import BenchResult, Stage
-
-Result = TypeVar("Result")
+from laploop.studies.tick_times import kinematics_beside, tracking_tick_times
 
 _WARM_UP_CALLS = 10
 _PRESS_TICKS, _PRESS_MPS = 25, 0.005
@@ -106,7 +96,7 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
     estimators = {name: make_estimator(name, rig) for name in config.estimators}
     touch = _reach_the_tissue(config)
     report(0.2)
-    tracking, core = _tracking_ticks(config)
+    tracking, alone = tracking_tick_times(seed=config.seed, seconds=config.seconds)
     report(0.3)
     env = touch.env
     theatre = env.loop.theatre
@@ -117,8 +107,10 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
         Stage.of("control tick", np.add(touch.targeting_s, touch.inverse_kinematics_s)),
         Stage.of("control tick: targeting", touch.targeting_s),
         Stage.of("control tick: inverse kinematics", touch.inverse_kinematics_s),
-        Stage.of("control tick: prediction", tracking),
-        Stage.of("control tick: kinematics, QP, prediction", core),
+        Stage.of("control tick: prediction", tracking.whole),
+        Stage.of("control tick: kinematics, QP, prediction", tracking.core),
+        Stage.of("control tick alone: prediction", alone.whole),
+        Stage.of("control tick alone: kinematics, QP, prediction", alone.core),
     ]
     camera = StripeCamera(env.loop.rig, env.config.loop.stripes, device=env.config.loop.device)
     camera.attach(theatre.model)
@@ -153,7 +145,7 @@ def _reach_the_tissue(config: BenchConfig) -> _Touch:
         env = ReachEnv(ReachConfig(max_seconds=config.seconds), perception="oracle")
         controller = ReachController(env.loop.rig)
         env.reset(seed=config.seed + number)
-        rcm = _kinematics_of(env)
+        rcm = kinematics_beside(env)
         terminated = truncated = False
         info: dict[str, Any] = {}
         while not (terminated or truncated):
@@ -165,73 +157,6 @@ def _reach_the_tissue(config: BenchConfig) -> _Touch:
             return _Touch(env=env, rcm=rcm, targeting_s=targeting, inverse_kinematics_s=kinematics)
         env.close()
     raise SimulationError(f"no success in {_MOST_EPISODES} episodes with exact depth; there is nothing to measure contact on")
-
-
-class _TimedPredictor:
-    """A predictor by rhythms that tells how long it has worked."""
-
-    def __init__(self) -> None:
-        self._predictor = RhythmPredictor()
-        self.spent_s = 0.0
-
-    def reset(self) -> None:
-        self._predictor.reset()
-
-    def update(self, measured: float | None, captured_ns: int) -> bool:
-        return self._took(time.perf_counter(), self._predictor.update(measured, captured_ns))
-
-    def predict(self, at_ns: int) -> Prediction:
-        return self._took(time.perf_counter(), self._predictor.predict(at_ns))
-
-    def work(self) -> bool:
-        return self._took(time.perf_counter(), self._predictor.work())
-
-    def _took(self, began: float, result: Result) -> Result:
-        self.spent_s += time.perf_counter() - began
-        return result
-
-
-def _tracking_ticks(config: BenchConfig) -> tuple[list[float], list[float]]:
-    """Time control ticks over tissue that breathes.
-
-    Returns:
-        Seconds of whole ticks: targeting, prediction by rhythms, and the arm's quadratic program; and of the same without the
-        measurement of depth frames, that is of kinematics, quadratic program and prediction alone.
-    """
-    track = replace(TrackEnv.default_config(), motion=BaseMotion.named("breathing"), max_seconds=config.seconds)
-    env = TrackEnv(track, perception="oracle")
-    predictor = _TimedPredictor()
-    controller = TrackController(env.loop.rig, predictor=predictor)
-    env.reset(seed=config.seed)
-    rcm = _kinematics_of(env)
-    core: list[float] = []
-
-    def tick(state: ControlInput, rotation: NDArray[np.float64], scope_pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        predictor.spent_s = 0.0
-        velocity = controller.command(state)
-        began = time.perf_counter()
-        rcm.set_other_shaft(scope_pose, scope.shaft)
-        rcm.step(rotation @ velocity, env.config.loop.rates.control_s)
-        core.append(predictor.spent_s + time.perf_counter() - began)
-        return velocity
-
-    seconds: list[float] = []
-    scope = env.loop.scope.model
-    terminated = truncated = False
-    while not (terminated or truncated):
-        rotation = env.loop.theatre.world_from_camera()[:3, :3]
-        velocity = _timed(seconds, tick, env.control_input(), rotation, env.loop.scope.tip_pose_in_world())
-        _, _, terminated, truncated, _ = env.step(velocity.astype(np.float32))
-    env.close()
-    return seconds, core
-
-
-def _kinematics_of(env: TaskEnv[Any]) -> RcmController:
-    """Make a controller of the tool arm beside the one in the loop, at home."""
-    arm = env.loop.theatre.tool_arm
-    rcm = RcmController(ArmModel(arm.world_from_base, INSTRUMENT), arm.trocar_in_world, env.config.loop.rcm)
-    rcm.reset(arm.home_q)
-    return rcm
 
 
 def _contact_physics(touch: _Touch, calls: int) -> list[float]:

@@ -30,7 +30,7 @@ from laploop.perception.training.samples import Samples, check_against, check_si
 from laploop.perception.weights import load_weights
 
 _NEAREST_MM, _FARTHEST_MM = 20.0, 250.0
-"""Truth outside is not learned from: the network's depth ends about there."""
+"""The network's depth ends about there. Of truth outside only the likelihood learns, which is to say that nobody knows."""
 
 
 def _schedule(epochs: int) -> Schedule:
@@ -63,6 +63,9 @@ class SslePhaseTraining:
     """Images are made brighter or darker by up to this share."""
     variants: int = 2
     """Of a frame, mirrored or not, each with its gain; the refiner's training keeps their readings in memory, 0.4 MB each."""
+    norm_momentum: float = 0.02
+    """Share of a batch in the running statistics of the refiner's normalisation. With torch's own, 0.1, they are those of the
+    last ten batches, by whose chance the error of validation varied by a twentieth."""
     max_scale_mm: float = 2.0
     """In validation, a pixel is valid where its predicted scale is at most this."""
 
@@ -79,6 +82,8 @@ class SslePhaseTraining:
             raise InvalidValueError("gain_range", self.gain_range, "0 to below 1")
         if self.variants < 1:
             raise InvalidValueError("variants", self.variants, "1 or more")
+        if not 0.0 < self.norm_momentum <= 1.0:
+            raise InvalidValueError("norm_momentum", self.norm_momentum, "above 0 and at most 1")
         if not self.max_scale_mm > 0.0:
             raise InvalidValueError("max_scale_mm", self.max_scale_mm, "above 0 mm")
 
@@ -161,6 +166,9 @@ class SslePhaseRecipe(_PhaseRecipe):
         self.variants = training.variants
         self.network = self.phase
         self.phase.reader.requires_grad_(requires_grad=False)
+        for module in self.phase.refiner.modules():
+            if isinstance(module, nn.BatchNorm2d):
+                module.momentum = training.norm_momentum
 
     @property
     def architecture(self) -> Mapping[str, object]:
@@ -215,14 +223,17 @@ def rigs_of(batch: Batch) -> RigBatch:
 
 
 def ssle_phase_loss(output: SslePhaseOutput, truth_mm: Tensor, training: SslePhaseTraining) -> Loss:
-    """Return the loss over the pixels with usable truth.
+    """Return the loss over the pixels with truth.
 
-    The negative log-likelihood of a Laplace distribution, |error| / scale + ln(scale), plus the absolute error.
+    The negative log-likelihood of a Laplace distribution, |error| / scale + ln(scale), plus, where the network can tell such a
+    depth, the absolute error. An instrument right before the camera is nearer than that: it must at least not pass for tissue.
     """
-    truth, weight = _usable(truth_mm)
-    error = (output.depth_mm - truth).abs()
-    total = error * torch.exp(-output.log_scale) + output.log_scale + training.l1_weight * error
-    return Loss(total=(total * weight).sum(), parts={"mae_mm": (error * weight).sum()})
+    known = torch.isfinite(truth_mm)
+    error = (output.depth_mm - torch.where(known, truth_mm, 100.0)).abs()
+    likelihood = error * torch.exp(-output.log_scale) + output.log_scale
+    absolute = (error * _usable(truth_mm)[1]).sum()
+    total = (likelihood * _weights(known)).sum() + training.l1_weight * absolute
+    return Loss(total=total, parts={"mae_mm": absolute})
 
 
 def reader_loss(reading: PhaseReading, turns_metre: Tensor, truth_mm: Tensor, training: SslePhaseTraining) -> Loss:
@@ -241,9 +252,13 @@ def reader_loss(reading: PhaseReading, turns_metre: Tensor, truth_mm: Tensor, tr
 
 
 def _usable(truth_mm: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the truth with a number at every pixel, and the pixels' weights, whose sum is 1 or 0."""
+    """Return the truth with a number at every pixel, and the weights of those within reach, whose sum is 1 or 0."""
     known = (truth_mm >= _NEAREST_MM) & (truth_mm <= _FARTHEST_MM)
-    return torch.where(known, truth_mm, 100.0), known.to(torch.float32) / known.sum().clamp(min=1)
+    return torch.where(known, truth_mm, 100.0), _weights(known)
+
+
+def _weights(mask: Tensor) -> Tensor:
+    return mask.to(torch.float32) / mask.sum().clamp(min=1)
 
 
 def train_ssle_phase(
@@ -253,6 +268,7 @@ def train_ssle_phase(
     config: SslePhaseConfig,
     training: SslePhaseTraining,
     reader: Path | None = None,
+    start: Path | None = None,
     against: str = "exact",
     machine: Machine | None = None,
     limit: int | None = None,
@@ -269,6 +285,7 @@ def train_ssle_phase(
         config: Of the network.
         training: Schedules and losses.
         reader: Weights of a trained reader, which is then not trained again.
+        start: Weights of a whole network to go on from: its reader stays as it is, its refiner learns on.
         against: `exact` or `zivid`, the depth to learn.
         machine: What to train on.
         limit: Largest number of frames of each split.
@@ -276,18 +293,23 @@ def train_ssle_phase(
         progress: Show a bar.
 
     Raises:
-        InvalidValueError: If the data set does not fit the network, or Lightning is not installed.
+        InvalidValueError: If the data set does not fit the network, Lightning is not installed, or both weights are given.
         OutputError: If `out` holds a training and `resume` is off.
-        MissingFileError: If there are no weights of a reader where they are said to be.
+        MissingFileError: If there are no weights where they are said to be.
         WeightsError: If they are damaged or of another network.
     """
     require_lightning()
+    if reader is not None and start is not None:
+        raise InvalidValueError("reader and start", (str(reader), str(start)), "one of them: a whole network has its reader")
     check_size(dataset, config.height, config.width)
     check_against(dataset, against)
     for folder in (out / ReaderRecipe.name, out):
         check_fresh(folder / "checkpoint.safetensors", resume=resume)
     first = ReaderRecipe(config, training)
     given = None if reader is None else load_weights(reader, first.architecture, first.network.state_dict())[0]
+    if start is not None:
+        first.phase.load_state_dict(load_weights(start, config.architecture, first.phase.state_dict())[0])
+        given = first.network.state_dict()
     train = Samples.read(dataset, "train", first, against=against, limit=limit, progress=progress)
     val = Samples.read(dataset, "val", first, against=against, limit=limit, progress=progress)
     if given is None:

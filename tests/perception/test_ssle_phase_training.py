@@ -94,10 +94,20 @@ def test_readers_loss_adds_what_came_before_the_second_demodulation():
 
 def test_pixels_without_truth_have_no_influence():
     depth = torch.full((1, 2, 2), 100.0, requires_grad=True)
-    truth = torch.tensor([[[101.0, float("nan")], [5.0, 900.0]]])
+    truth = torch.tensor([[[101.0, float("nan")], [float("nan"), float("nan")]]])
     ssle_phase_loss(_output(depth, torch.zeros(1, 2, 2)), truth, TRAINING).total.backward()
     assert torch.isfinite(depth.grad).all()
     assert torch.count_nonzero(depth.grad) == 1
+
+
+def test_what_is_too_near_to_be_told_is_learned_to_be_unknown():
+    depth, log_scale = torch.full((1, 1, 2), 100.0), torch.zeros(1, 1, 2, requires_grad=True)
+    loss = ssle_phase_loss(_output(depth, log_scale), torch.tensor([[[101.0, 5.0]]]), replace(TRAINING, l1_weight=0.5))
+    assert float(loss.total.detach()) == pytest.approx(0.5 * (1.0 + 95.0) + 0.5 * 1.0)
+    assert float(loss.parts["mae_mm"]) == pytest.approx(1.0)
+    loss.total.backward()
+    # The slope of |error| exp(-s) + s at s = 0, half of it for each of the two.
+    torch.testing.assert_close(log_scale.grad, torch.tensor([[[0.0, -47.0]]]))
 
 
 def test_sample_brings_the_rig_of_its_frame(dataset):
@@ -164,13 +174,39 @@ def test_command_trains_both_stages_and_refuses_to_overwrite_them(dataset, tmp_p
     assert all(torch.equal(whole[f"reader.{name}"], tensor) for name, tensor in given.items())
 
 
+def test_training_goes_on_from_a_whole_network(dataset, tmp_path):
+    training = replace(TRAINING, reader=replace(SCHEDULE, epochs=1), refiner=replace(SCHEDULE, epochs=1, warmup_steps=0))
+    options = {"config": NETWORK, "limit": 2, "progress": False}
+    path = train_ssle_phase(dataset, tmp_path / "first", training=training, **options)
+    still = replace(training, refiner=replace(training.refiner, learning_rate=1e-9, final_learning_rate=1e-9))
+    again = train_ssle_phase(dataset, tmp_path / "again", training=still, start=path, **options)
+    assert not (tmp_path / "again" / "reader").exists()
+    fresh = ReaderRecipe(NETWORK, training).phase.state_dict()
+    before, after = (load_weights(one, NETWORK.architecture, fresh)[0] for one in (path, again))
+    assert all(torch.equal(after[name], tensor) for name, tensor in before.items() if name.startswith("reader."))
+    # All but untouched by a rate of next to nothing.
+    kernel = "refiner.trunk.stem.0.0.weight"
+    torch.testing.assert_close(after[kernel], before[kernel], rtol=0.0, atol=1e-6)
+    assert float((fresh[kernel] - before[kernel]).abs().max()) > 1e-3
+    with pytest.raises(InvalidValueError, match="one of them"):
+        train_ssle_phase(dataset, tmp_path / "both", training=still, start=path, reader=path, **options)
+
+
 def test_data_set_of_another_size_is_refused(dataset, tmp_path):
     with pytest.raises(InvalidValueError, match=r"\(256, 256\)"):
         train_ssle_phase(dataset, tmp_path, config=SslePhaseConfig(), training=TRAINING, progress=False)
 
 
 @pytest.mark.parametrize(
-    "change", [{"l1_weight": -1.0}, {"coarse_weight": -1.0}, {"gain_range": 1.0}, {"variants": 0}, {"max_scale_mm": 0.0}]
+    "change",
+    [
+        {"l1_weight": -1.0},
+        {"coarse_weight": -1.0},
+        {"gain_range": 1.0},
+        {"variants": 0},
+        {"norm_momentum": 0.0},
+        {"max_scale_mm": 0.0},
+    ],
 )
 def test_impossible_setting_is_refused(change):
     with pytest.raises(InvalidValueError):

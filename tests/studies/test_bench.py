@@ -20,6 +20,8 @@ STAGES = {
     "control tick: inverse kinematics",
     "control tick: prediction",
     "control tick: kinematics, QP, prediction",
+    "control tick alone: prediction",
+    "control tick alone: kinematics, QP, prediction",
     "stripe frame",
     "depth: oracle",
     "depth: phase",
