@@ -12,7 +12,7 @@ from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
 from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.datasets import DepthDataset, open_dataset
-from laploop.perception.joined_dataset import JoinedDataset
+from laploop.perception.joined_dataset import join
 from laploop.perception.training.fit import Machine, require_lightning
 from laploop.perception.training.recipe import Schedule
 
@@ -97,8 +97,7 @@ def train_staged(arguments: Sequence[str]) -> int:
     chosen = parse(StagedArguments, arguments, "train")
     chosen.check()
     require_lightning()
-    parts = [open_dataset(dataset_path(path)) for path in chosen.dataset]
-    dataset = parts[0] if len(parts) == 1 else JoinedDataset(parts)
+    dataset = join([open_dataset(dataset_path(path)) for path in chosen.dataset])
     train, settings = _MODELS[chosen.model](chosen, dataset)
     with OutputFolder(chosen.out, "train") as folder:
         if (folder.path / "checkpoint.safetensors").exists() and not chosen.resume:

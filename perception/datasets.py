@@ -61,6 +61,15 @@ class DepthDataset(Protocol):
         ...
 
 
+@runtime_checkable
+class ReferencedDataset(DepthDataset, Protocol):
+    """A data set with the depth of a reference camera beside the exact one."""
+
+    def reference_depth_mm(self, index: int) -> NDArray[np.float32]:
+        """Read one depth map (H, W) of the reference camera, reprojected into the scope's frame."""
+        ...
+
+
 def open_dataset(path: Path) -> DepthDataset:
     """Open a data set, by its format, as a `FrameStore` or a `PairStore`.
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError
-from laploop.perception.datasets import DepthDataset
+from laploop.perception.datasets import DepthDataset, ReferencedDataset
 from laploop.perception.geometry import Rig
 
 
@@ -78,7 +78,37 @@ class JoinedDataset:
         return part.rig(within)
 
     def _find(self, index: int) -> tuple[DepthDataset, int]:
+        part, within = self._place(index)
+        return self._parts[part], within
+
+    def _place(self, index: int) -> tuple[int, int]:
         if not 0 <= index < len(self):
             raise InvalidValueError("index of a frame", index, f"0 to {len(self) - 1}")
         part = int(np.searchsorted(self._starts, index, side="right")) - 1
-        return self._parts[part], int(index - self._starts[part])
+        return part, int(index - self._starts[part])
+
+
+class JoinedPairs(JoinedDataset):
+    """The same of data sets that all have a reference camera."""
+
+    def __init__(self, parts: Sequence[ReferencedDataset]) -> None:
+        """Join open data sets; see `JoinedDataset`."""
+        super().__init__(parts)
+        self._pairs = tuple(parts)
+
+    def reference_depth_mm(self, index: int) -> NDArray[np.float32]:
+        """Read one depth map (H, W) of the reference camera."""
+        part, within = self._place(index)
+        return self._pairs[part].reference_depth_mm(within)
+
+
+def join(parts: Sequence[DepthDataset]) -> DepthDataset:
+    """Return several data sets as one, with reference depth if all have it; a single one as it is.
+
+    Raises:
+        InvalidValueError: If there is none, or they differ in the size of their images.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    pairs = [part for part in parts if isinstance(part, ReferencedDataset)]
+    return JoinedPairs(pairs) if len(pairs) == len(parts) else JoinedDataset(parts)

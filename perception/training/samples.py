@@ -12,8 +12,7 @@ from rich.progress import track
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from laploop.errors import InvalidValueError
-from laploop.perception.datasets import DepthDataset
-from laploop.perception.pair_store import PairStore
+from laploop.perception.datasets import DepthDataset, ReferencedDataset
 from laploop.perception.training.recipe import Batch, Recipe, Sample
 
 AGAINST = ("exact", "zivid")
@@ -81,7 +80,7 @@ def check_against(dataset: DepthDataset, against: str) -> None:
     Raises:
         InvalidValueError: If it does not.
     """
-    allowed = AGAINST if isinstance(dataset, PairStore) else AGAINST[:1]
+    allowed = AGAINST if isinstance(dataset, ReferencedDataset) else AGAINST[:1]
     if against not in allowed:
         note = "" if len(allowed) > 1 else "; only pairs made by `laploop collect` have a reference camera"
         raise InvalidValueError(f"truth to learn from {dataset.path}", against, ", ".join(allowed) + note)
@@ -99,7 +98,7 @@ def check_size(dataset: DepthDataset, height: int, width: int) -> None:
 
 
 def _read(dataset: DepthDataset, index: int, against: str) -> Sample:
-    if against == "zivid" and isinstance(dataset, PairStore):
+    if against == "zivid" and isinstance(dataset, ReferencedDataset):
         return {"image": dataset.image(index), "depth_mm": dataset.reference_depth_mm(index)}
     return {"image": dataset.image(index), "depth_mm": dataset.depth_mm(index)}
 

@@ -5,10 +5,11 @@ import pytest
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError
-from laploop.perception.datasets import DepthDataset
+from laploop.perception.datasets import DepthDataset, ReferencedDataset
 from laploop.perception.frame_store import FrameStore
 from laploop.perception.geometry import Rig
-from laploop.perception.joined_dataset import JoinedDataset
+from laploop.perception.joined_dataset import JoinedDataset, join
+from laploop.perception.training.samples import check_against
 
 OPTICS = ScopeOptics(width=32, height=32)
 SHORT = replace(OPTICS, baseline_m=0.004)
@@ -66,3 +67,20 @@ def test_part_without_a_split_is_named(parts, tmp_path):
     only_train = _store(tmp_path / "c", OPTICS, [0], 0)
     with pytest.raises(InvalidValueError, match=r"'val'.*c"):
         JoinedDataset([*parts, only_train]).indices("val")
+
+
+class _Referenced(JoinedDataset):
+    def reference_depth_mm(self, index):
+        return self.depth_mm(index) + np.float32(0.5)
+
+
+def test_reference_depth_is_joined_where_all_parts_have_it(parts):
+    pairs = join([_Referenced([part]) for part in parts])
+    assert isinstance(pairs, ReferencedDataset)
+    check_against(pairs, "zivid")
+    assert [float(pairs.reference_depth_mm(index)[0, 0]) for index in (2, 3)] == [12.5, 20.5]
+    mixed = join([_Referenced(parts[:1]), parts[1]])
+    assert not isinstance(mixed, ReferencedDataset)
+    with pytest.raises(InvalidValueError, match="reference camera"):
+        check_against(mixed, "zivid")
+    assert join(parts[:1]) is parts[0]
