@@ -20,16 +20,19 @@ from laploop.perception.messages import DepthEstimate
 from laploop.perception.metrics import DepthErrors, DepthMetrics, MetricsInterval, bootstrap_interval
 from laploop.studies.depth_evaluation import EstimatorCache
 from laploop.studies.depth_table import write_texts
-from laploop.studies.robustness_scenes import CONDITIONS, RobustnessConfig, robustness_frames
+from laploop.studies.robustness_scenes import CONDITIONS, NOMINAL, OTHER_TISSUE, RobustnessConfig, robustness_frames
 from laploop.studies.smooth_fill import fill_smoothly
 
 SURROUNDINGS = "exact, unlit filled in"
 """Stands in the table for a model that knows the exact depth of all that the projector reaches, and of the rest only that a
 surface bends little: what a condition costs by what it hides."""
 
-_SETS = 4
+_SETS = 6
 """Errors of: all pixels in the range of depth; those of them that the model calls valid; all that it calls valid; those in the
-range that the projector lights."""
+range that the projector lights; those of the last whose depth the nominal frame shows too, lit; the nominal frame's on them."""
+
+_SAME_MM = 0.001
+"""Depths that differ by less are one and the same surface's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,6 +58,9 @@ class RobustnessRow:
     """Mean absolute error of all pixels relative to that of the nominal condition."""
     lit_ratio: float
     """The same for the pixels that the projector reaches."""
+    same_ratio: float
+    """The same for those of them that show in the nominal frame the same lit point of the same surface, relative to the error
+    there: the instrument hides the middle of the view, where depth is easier than at its borders. NaN for another tissue."""
     valid_ratio: float
     """The same for the pixels that the model calls valid."""
 
@@ -75,6 +81,7 @@ class RobustnessRow:
             "lit_share": self.lit.pixels / max(1, self.every.pixels),
             "lit_mae_mm": self.lit.mae_mm,
             "lit_ratio": self.lit_ratio,
+            "same_ratio": self.same_ratio,
             "valid_share": self.valid_share,
             "valid_mae_mm": self.valid.mae_mm,
             "valid_mae_mm_low": self.valid_interval.low.mae_mm,
@@ -113,6 +120,7 @@ def measure_robustness(
     places = {name: place for place, name in enumerate(CONDITIONS)}
     with Progress(console=Console(stderr=True), disable=not progress) as bar:
         task = bar.add_task("robustness", total=len(CONDITIONS) * chosen.frames)
+        nominal: list[DepthEstimate] = []
         for frame in robustness_frames(chosen, scope):
             truth = frame.depth_mm
             hit = np.isfinite(truth)
@@ -126,10 +134,15 @@ def measure_robustness(
             seen = hit & frame.lit & (truth >= range_mm[0])
             filled = fill_smoothly(truth, seen) if seen.any() else truth
             estimates.append(DepthEstimate(depth_mm=filled.astype(np.float32), valid=seen))
-            for number, estimate in enumerate(estimates):
-                for which, mask in enumerate((counted, counted & estimate.valid, hit & estimate.valid, counted & frame.lit)):
+            if frame.condition == NOMINAL:
+                usual, nominal = frame, estimates
+            lit = counted & frame.lit
+            same = lit & usual.lit & (np.abs(truth - usual.depth_mm) < _SAME_MM) & (frame.condition != OTHER_TISSUE)
+            for number, (estimate, before) in enumerate(zip(estimates, nominal, strict=True)):
+                masks = (counted, counted & estimate.valid, hit & estimate.valid, lit, same)
+                for which, (made, mask) in enumerate((*((estimate, mask) for mask in masks), (before, same))):
                     errors = DepthErrors()
-                    errors.add(estimate.depth_mm, truth, mask)
+                    errors.add(made.depth_mm, truth, mask)
                     sums[places[frame.condition], number, which, frame.tissue] += errors.sums
             bar.update(task, advance=1)
     return [
@@ -146,7 +159,7 @@ def _row(
     nominal: NDArray[np.float64],
     config: RobustnessConfig,
 ) -> RobustnessRow:
-    every, valid, claimed, lit = (DepthErrors(sums=part.sum(axis=0)).metrics() for part in sums)
+    every, valid, claimed, lit, same, before = (DepthErrors(sums=part.sum(axis=0)).metrics() for part in sums)
     usual = [DepthErrors(sums=part.sum(axis=0)).metrics().mae_mm for part in nominal]
     intervals = [bootstrap_interval(part, np.random.default_rng(config.seed)) for part in sums[:2]]
     return RobustnessRow(
@@ -162,6 +175,7 @@ def _row(
         valid_share=valid.pixels / max(1, every.pixels),
         ratio=_ratio(every, usual[0], model),
         lit_ratio=_ratio(lit, usual[3], model),
+        same_ratio=_ratio(same, before.mae_mm, model) if same.pixels else math.nan,
         valid_ratio=_ratio(valid, usual[1], model),
     )
 
@@ -187,12 +201,13 @@ def write_robustness(rows: Sequence[RobustnessRow], out: Path) -> None:
 def robustness_markdown(rows: Sequence[RobustnessRow]) -> str:
     """Return the rows as a Markdown table, with what each condition is."""
     head = (
-        "| model | condition | frames | MAE mm | to nominal | lit | MAE mm, lit | to nominal | called valid "
-        "| MAE mm, called valid | the same at any depth |\n|---|---|---|---|---|---|---|---|---|---|---|\n"
+        "| model | condition | frames | MAE mm | to nominal | lit | MAE mm, lit | to nominal | to nominal, same pixels "
+        "| called valid | MAE mm, called valid | the same at any depth |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n"
     )
     body = "".join(
         f"| {row.model} | {row.condition} | {row.frames} | {_number(row.every.mae_mm)} | {_number(row.ratio)} "
-        f"| {100 * row.lit.pixels / max(1, row.every.pixels):.1f} % | {_number(row.lit.mae_mm)} | {_number(row.lit_ratio)} "
+        f"| {100 * row.lit.pixels / max(1, row.every.pixels):.1f} % | {_number(row.lit.mae_mm)} "
+        f"| {_number(row.lit_ratio)} | {_number(row.same_ratio)} "
         f"| {100 * row.valid_share:.1f} % | {_number(row.valid.mae_mm)} | {_number(row.claimed.mae_mm)} |\n"
         for row in rows
     )

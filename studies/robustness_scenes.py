@@ -20,15 +20,17 @@ from laploop.studies.training_scene import TrainingScene
 
 Array = NDArray[np.float64]
 
+NOMINAL, OTHER_TISSUE = "nominal", "other tissue"
+
 CONDITIONS = {
-    "nominal": "as in training, without the instrument",
+    NOMINAL: "as in training, without the instrument",
     "phase shifted": "the mask shifted by a third of a period, which the rig's calibration tells the model",
     "half power": "the LED at half its power",
-    "other tissue": "lobes of half, and of 1.7 times, the usual width and height, by turns",
+    OTHER_TISSUE: "lobes of half, and of 1.7 times, the usual width and height, by turns",
     "tool in view": "the instrument close to the camera, covering about 30 % of the view",
     "saturated or dark": "40 % of the pixels saturated, or below 1 % of full scale, by turns",
 }
-"""The conditions by name, and what each changes; everything else is drawn as for `nominal`."""
+"""The conditions by name, and what each changes; everything else is drawn as for `nominal`, whose frame comes first."""
 
 PHASE_SHIFT = 1.0 / 3.0
 TOOL_SHARE = 0.30
@@ -88,7 +90,7 @@ def robustness_frames(config: RobustnessConfig, scope: ScopeOptics) -> Iterator[
         shapes = {"usual": TissueShape(), "other": _other_family(tissue)}
         for kind, shape in shapes.items():
             scene = TrainingScene(TissueConfig(shape=shape), _rng(config, 0, tissue))
-            conditions = [name for name in CONDITIONS if (name == "other tissue") == (kind == "other")]
+            conditions = [name for name in CONDITIONS if (name == OTHER_TISSUE) == (kind == "other")]
             for camera in cameras.values():
                 camera.attach(scene.model, rng=_rng(config, 1, tissue))
             for frame in range(config.frames_per_tissue):

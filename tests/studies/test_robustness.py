@@ -1,4 +1,5 @@
 import csv
+import math
 
 import numpy as np
 import pytest
@@ -81,6 +82,13 @@ def test_rows_say_how_much_worse_each_condition_is(tmp_path):
     shadowed = by_key["phase", "tool in view"]
     assert shadowed.lit.pixels / shadowed.every.pixels < nominal.lit.pixels / nominal.every.pixels
     assert shadowed.lit.mae_mm < shadowed.every.mae_mm
+    assert nominal.same_ratio == 1.0
+    # Nothing but the light has changed, so that the same pixels are those that are lit.
+    assert lost.same_ratio == pytest.approx(lost.lit_ratio, rel=1e-3)
+    assert math.isnan(by_key["phase", "other tissue"].same_ratio)
+    # The tool hides pixels, and not the average ones.
+    assert shadowed.same_ratio > 0.0
+    assert shadowed.same_ratio != pytest.approx(shadowed.lit_ratio, rel=1e-3)
     hidden = by_key[SURROUNDINGS, "tool in view"]
     assert hidden.lit.mae_mm < 1e-3  # mm; float32
     assert by_key[SURROUNDINGS, "nominal"].every.mae_mm < hidden.every.mae_mm
