@@ -129,12 +129,21 @@ class HarmonicModel:
             turns: (m, n), what `turns` says of the same rates and times, if that is known.
         """
         turn = self.turns(state, seconds) if turns is None else turns
-        turned = turn * self.phasors(state)
-        jacobian = np.empty((len(seconds), self.size))
+        jacobian = self.linear_table(turn)
+        return self.fill_table(jacobian, state, seconds, turn), jacobian
+
+    def linear_table(self, turns: NDArray[np.complex128]) -> Array:
+        """Return the derivatives by bias and phasors, which are what these are multiplied with; those by the rates are 0."""
+        jacobian = np.zeros((len(turns), self.size))
         jacobian[:, 0] = 1.0
-        jacobian[:, self.parts] = turn.conj().view(np.float64)
+        jacobian[:, self.parts] = turns.conj().view(np.float64)
+        return jacobian
+
+    def fill_table(self, jacobian: Array, state: Array, seconds: Array, turns: NDArray[np.complex128]) -> Array:
+        """Put the derivatives by the rates into what `linear_table` made of the same turns, and return the values (m,)."""
+        turned = turns * self.phasors(state)
         jacobian[:, self.rates] = -seconds[:, None] * (turned.imag @ self._leads)
-        return state[0] + turned.real.sum(axis=1), jacobian
+        return np.asarray(state[0] + turned.real.sum(axis=1))
 
     def values(self, state: Array, seconds: Array) -> Array:
         """Return the values alone, (m,), at many times relative to the state's."""

@@ -139,8 +139,8 @@ class RhythmSearch:
     def _search(self, time_ns: int, seconds: Array, values: Array) -> Generator[bool, None, None]:
         """Search, and leave what is found; yield after each piece whether its slice goes on."""
         found: tuple[tuple[RhythmBand, float], ...] = ()
-        fit = yield from _refined((), seconds, values)
-        yield False
+        fit = _all_of(_refined((), seconds, values))
+        yield True
         for band in self._config.bands:
             left = values - fit.values
             best_hz, best_power = 0.0, math.inf
@@ -210,6 +210,16 @@ _PRIOR_FREQUENCY = 0.15
 _LEAST_NOISE_M = 2e-5
 
 
+def _all_of(pieces: Generator[bool, None, _Fit]) -> _Fit:
+    """Do all pieces at once, where there are so few numbers that they are no work."""
+    while True:
+        try:
+            next(pieces)
+        except StopIteration as end:
+            fit: _Fit = end.value
+            return fit
+
+
 def _harmonic_basis(candidates_hz: Array, harmonics: int, seconds: Array) -> Array:
     """Return a bias and the harmonics of each frequency at all times, (candidates, 1 + 2 harmonics, m)."""
     turn = np.exp(2j * np.pi * candidates_hz[:, None] * seconds)
@@ -240,7 +250,7 @@ def _power_left(basis: Array, values: Array) -> Array:
 def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, values: Array) -> Generator[bool, None, _Fit]:
     """Fit bias and phasors at given angular frequencies, then make one Gauss-Newton step on everything.
 
-    This is done in two slices of two and three pieces; it yields, between them, whether the slice goes on.
+    This is done in three pieces; it yields True, for a slice that goes on, between them.
     """
     model = harmonic_model(tuple(band.harmonics for band, _ in rhythms))
     state, precision = np.zeros(model.size), np.full(model.size, _PRIOR_AMPLITUDE_M**-2)
@@ -250,14 +260,13 @@ def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, valu
     variance = 1e-6
     linear = np.ones(model.size, dtype=bool)
     linear[model.rates] = False
-    # The derivatives by bias and phasors are what these are multiplied with, whatever they are.
     turns = model.turns(state, seconds)
-    basis = model.table(state, seconds, turns)[1][:, linear]
+    jacobian = model.linear_table(turns)
     yield True
+    basis = jacobian[:, linear]
     normal = basis.T @ basis + np.diag(precision[linear] * variance)
     state[linear] = np.linalg.solve(normal, basis.T @ values)
-    yield False
-    fitted, jacobian = model.table(state, seconds, turns)
+    fitted = model.fill_table(jacobian, state, seconds, turns)
     normal = jacobian.T @ jacobian
     step = np.linalg.solve(
         normal + np.diag(precision * variance), jacobian.T @ (values - fitted) - precision * variance * (state * linear)
@@ -267,7 +276,6 @@ def _refined(rhythms: tuple[tuple[RhythmBand, float], ...], seconds: Array, valu
     state = state + step
     state[model.rates] = np.minimum(np.maximum(state[model.rates], low), high)
     fitted = model.values(state, seconds)
-    yield True
     left = values - fitted
     power = float(left @ left)
     noise = max(power / max(len(values) - model.size, 1), _LEAST_NOISE_M**2)
