@@ -33,7 +33,7 @@ class EvaluateArguments:
     models: tuple[str, ...] = ("phase", "compact")
     """Which models, separated by commas or spaces; dpt and depth-anything are compared raw and fitted."""
     robustness: bool = False
-    """Also render conditions that training did not have, and measure the models there."""
+    """Also render other conditions than the nominal one (half the light, a large tool, ...), and measure the models there."""
     conditions: RobustnessConfig = field(default_factory=RobustnessConfig)
     """How many frames, for --robustness."""
     out: Path

@@ -71,10 +71,8 @@ class StagedArguments:
         """
         for model, names in (("ssle", ("vq_epochs",)), ("ssle-phase", ("reader_epochs", "reader", "start"))):
             for name in names:
-                value = getattr(self, name)
-                if value is not None and self.model != model:
-                    shown = str(value) if isinstance(value, Path) else value
-                    raise InvalidValueError(name, shown, f"only with --model {model}")
+                if getattr(self, name) is not None and self.model != model:
+                    raise InvalidValueError(name, getattr(self, name), f"only with --model {model}")
         if self.limit is not None and self.limit < 1:
             raise InvalidValueError("limit", self.limit, "1 or more")
 

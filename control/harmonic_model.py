@@ -120,27 +120,25 @@ class HarmonicModel:
             yield rate, harmonics
             place += 1 + 2 * count
 
-    def table(self, state: Array, seconds: Array, turns: NDArray[np.complex128] | None = None) -> tuple[Array, Array]:
-        """Return the values (m,) at many times relative to the state's, and their derivatives by the state (m, size).
-
-        Args:
-            state: (size,).
-            seconds: (m,).
-            turns: (m, n), what `turns` says of the same rates and times, if that is known.
-        """
-        turn = self.turns(state, seconds) if turns is None else turns
-        jacobian = self.linear_table(turn)
-        return self.fill_table(jacobian, state, seconds, turn), jacobian
-
     def linear_table(self, turns: NDArray[np.complex128]) -> Array:
-        """Return the derivatives by bias and phasors, which are what these are multiplied with; those by the rates are 0."""
+        """Return the derivatives (m, size) of the values at many times by the state, those by the rates still 0.
+
+        The values are linear in bias and phasors, so that their derivatives by these depend on `turns` (m, n) alone.
+        """
         jacobian = np.zeros((len(turns), self.size))
         jacobian[:, 0] = 1.0
         jacobian[:, self.parts] = turns.conj().view(np.float64)
         return jacobian
 
     def fill_table(self, jacobian: Array, state: Array, seconds: Array, turns: NDArray[np.complex128]) -> Array:
-        """Put the derivatives by the rates into what `linear_table` made of the same turns, and return the values (m,)."""
+        """Put the derivatives by the rates into a `linear_table` of the same turns, in place, and return the values (m,).
+
+        Args:
+            jacobian: (m, size).
+            state: (size,), with the rates that the turns were made of.
+            seconds: (m,), times relative to the state's.
+            turns: (m, n), what `turns` says of these rates and times.
+        """
         turned = turns * self.phasors(state)
         jacobian[:, self.rates] = -seconds[:, None] * (turned.imag @ self._leads)
         return np.asarray(state[0] + turned.real.sum(axis=1))

@@ -140,7 +140,7 @@ def measure_robustness(
             same = lit & usual.lit & (np.abs(truth - usual.depth_mm) < _SAME_MM) & (frame.condition != OTHER_TISSUE)
             for number, (estimate, before) in enumerate(zip(estimates, nominal, strict=True)):
                 masks = (counted, counted & estimate.valid, hit & estimate.valid, lit, same)
-                for which, (made, mask) in enumerate((*((estimate, mask) for mask in masks), (before, same))):
+                for which, (made, mask) in enumerate([*((estimate, mask) for mask in masks), (before, same)]):
                     errors = DepthErrors()
                     errors.add(made.depth_mm, truth, mask)
                     sums[places[frame.condition], number, which, frame.tissue] += errors.sums

@@ -300,7 +300,7 @@ def train_ssle_phase(
     """
     require_lightning()
     if reader is not None and start is not None:
-        raise InvalidValueError("reader and start", (str(reader), str(start)), "one of them: a whole network has its reader")
+        raise InvalidValueError("reader", reader, "none with start: a whole network has its reader")
     check_size(dataset, config.height, config.width)
     check_against(dataset, against)
     for folder in (out / ReaderRecipe.name, out):

@@ -27,7 +27,8 @@ class InvalidValueError(LaploopError, ValueError):
 
     def __init__(self, name: str, value: object, allowed: str) -> None:
         """Name the value, show it, and say what is allowed."""
-        super().__init__(f"{name} is {value!r}; allowed: {allowed}")
+        shown = str(value) if isinstance(value, Path) else value
+        super().__init__(f"{name} is {shown!r}; allowed: {allowed}")
 
 
 class UnknownNameError(LaploopError, ValueError):

@@ -188,7 +188,7 @@ def test_training_goes_on_from_a_whole_network(dataset, tmp_path):
     kernel = "refiner.trunk.stem.0.0.weight"
     torch.testing.assert_close(after[kernel], before[kernel], rtol=0.0, atol=1e-6)
     assert float((fresh[kernel] - before[kernel]).abs().max()) > 1e-3
-    with pytest.raises(InvalidValueError, match="one of them"):
+    with pytest.raises(InvalidValueError, match="none with start"):
         train_ssle_phase(dataset, tmp_path / "both", training=still, start=path, reader=path, **options)
 
 
