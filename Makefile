@@ -72,7 +72,7 @@ results: $(STAMP)
 	for model in $(NETWORKS); do $(BIN)/laploop speed --model $$model --threads 1 --out runs/speed-$$model \
 	  && cp runs/speed-$$model/summary.json $(RESULTS)/speed-$$model.json || exit 1; done
 	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
-	$(BIN)/python -P -m laploop.studies.results_page $(RESULTS) README.md
+	$(BIN)/python -P -m laploop.studies.readme.results_page $(RESULTS) README.md
 
 clean:
 	rm -rf $(VENV) runs .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

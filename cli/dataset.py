@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from laploop.cli.synthesize import STORE
+from laploop.cli.commands.synthesize import STORE
 
 PAIRS = "pairs.zarr"
 """Name of the data set inside the folder that `laploop collect` writes."""

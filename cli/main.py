@@ -7,7 +7,6 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from importlib.metadata import version
 from types import FrameType
@@ -21,28 +20,21 @@ EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
 
-@dataclass(frozen=True, kw_only=True)
-class Command:
-    """A subcommand: the module whose `main` takes its arguments, and what it does in one line."""
-
-    module: str
-    summary: str
-
-
 COMMANDS = {
-    "speed": Command(module="laploop.cli.speed", summary="time a depth model alone, frame after frame"),
-    "export": Command(module="laploop.cli.export", summary="write a depth network as ONNX"),
-    "run": Command(module="laploop.cli.run", summary="run one closed-loop episode; recording, figure, summary"),
-    "trials": Command(module="laploop.cli.trials", summary="run many episodes, one a seed; success rate and error table"),
-    "tasks": Command(module="laploop.cli.tasks", summary="run every task over many seeds; what is as asked, in a table"),
-    "bench": Command(module="laploop.cli.bench", summary="measure every stage of the loop on this machine"),
-    "collect": Command(module="laploop.cli.collect", summary="collect stripe frames paired with a reference camera's depth"),
-    "synthesize": Command(module="laploop.cli.synthesize", summary="render stripe frames with exact depth, for training"),
-    "train": Command(module="laploop.cli.train", summary="train a depth network on rendered frames or collected pairs"),
-    "characterize": Command(module="laploop.cli.characterize", summary="measure the stripes' contrast against distance"),
-    "calibrate": Command(module="laploop.cli.calibrate", summary="calibrate cameras, projector and arm; true residuals"),
-    "evaluate": Command(module="laploop.cli.evaluate", summary="measure estimators on tissues never seen in training"),
+    "speed": "time a depth model alone, frame after frame",
+    "export": "write a depth network as ONNX",
+    "run": "run one closed-loop episode; recording, figure, summary",
+    "trials": "run many episodes, one a seed; success rate and error table",
+    "tasks": "run every task over many seeds; what is as asked, in a table",
+    "bench": "measure every stage of the loop on this machine",
+    "collect": "collect stripe frames paired with a reference camera's depth",
+    "synthesize": "render stripe frames with exact depth, for training",
+    "train": "train a depth network on rendered frames or collected pairs",
+    "characterize": "measure the stripes' contrast against distance",
+    "calibrate": "calibrate cameras, projector and arm; true residuals",
+    "evaluate": "measure estimators on tissues never seen in training",
 }
+"""What each subcommand, `laploop.cli.commands.NAME`, does in one line."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -69,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # The loop's matrices are small: OpenBLAS's threads gain nothing on them, and where the cores are busy they wait for
         # each other so long that a product takes ten times as long. Must be set before numpy is imported.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        status: int = import_module(COMMANDS[name].module).main(rest)
+        status: int = import_module(f"laploop.cli.commands.{name}").main(rest)
     except LaploopError as error:
         sys.stderr.write(f"laploop{f' {name}' if name in COMMANDS else ''}: {error}\n")
         return EXIT_FAILED if isinstance(error, SimulationError | InfeasibleError) else EXIT_BAD_INPUT
@@ -86,7 +78,7 @@ def _interrupt(_number: int, _frame: FrameType | None) -> None:
 
 def _help() -> str:
     width = max(map(len, COMMANDS))
-    lines = [f"  {name:<{width}}  {command.summary}" for name, command in COMMANDS.items()]
+    lines = [f"  {name:<{width}}  {summary}" for name, summary in COMMANDS.items()]
     return "\n".join(
         [
             "usage: laploop <command> [options] --out DIR",

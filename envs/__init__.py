@@ -5,7 +5,7 @@ Importing this package registers its environments, by name alone: nothing heavy 
 
 from gymnasium.envs.registration import register
 
-from laploop.envs.tasks import TASKS, environment_id
+from laploop.envs.tasks.registry import TASKS, environment_id
 
 for _task, _entry_point in TASKS.items():
     register(id=environment_id(_task), entry_point=_entry_point)

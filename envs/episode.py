@@ -11,19 +11,19 @@ import numpy as np
 
 from laploop.assets.phantom import TissueConfig
 from laploop.assets.phantom_mesh import load_phantom
+from laploop.control.controllers.registry import make_controller
 from laploop.control.messages import TipController
-from laploop.control.scripted import make_controller
-from laploop.control.targeting import PredictionName
-from laploop.envs.actuation import ActuationConfig, ActuationName
-from laploop.envs.base_motion import BaseMotion, MotionName
-from laploop.envs.closed_loop import LoopConfig
-from laploop.envs.latency import ConstantLatency, LatencyModel, TraceLatency
-from laploop.envs.recorder import Recorder
-from laploop.envs.sensors.optics_presets import PRESETS, optics_preset
-from laploop.envs.task_config import TaskConfig
-from laploop.envs.task_env import TaskEnv
-from laploop.envs.tasks import TASKS, task_environment
-from laploop.envs.trocar import TrocarConfig, TrocarName
+from laploop.control.targeting.targeting import PredictionName
+from laploop.envs.loop.closed_loop import LoopConfig
+from laploop.envs.loop.latency import ConstantLatency, LatencyModel, TraceLatency
+from laploop.envs.recording.recorder import Recorder
+from laploop.envs.sensors.optics.presets import PRESETS, optics_preset
+from laploop.envs.tasks.registry import TASKS, task_environment
+from laploop.envs.tasks.task_config import TaskConfig
+from laploop.envs.tasks.task_env import TaskEnv
+from laploop.envs.theatre.actuation import ActuationConfig, ActuationName
+from laploop.envs.theatre.organ_motion import BaseMotion, MotionName
+from laploop.envs.theatre.trocar import TrocarConfig, TrocarName
 from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.registry import estimator_names, make_estimator

@@ -10,8 +10,8 @@ from collections import deque
 import numpy as np
 
 from laploop.assets.scope_optics import ScopeOptics
-from laploop.control.motion_predictor import HeldMeasurement, Prediction
-from laploop.control.track_controller import TrackController
+from laploop.control.controllers.track import TrackController
+from laploop.control.prediction.motion_predictor import HeldMeasurement, Prediction
 from laploop.envs.episode import EpisodeConfig, run_episode
 from laploop.perception.geometry import Rig
 

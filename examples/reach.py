@@ -9,9 +9,9 @@ import gymnasium as gym
 import numpy as np
 
 import laploop.envs  # noqa: F401  registers the environments
-from laploop.control.reach_controller import ReachController
-from laploop.envs.base_motion import BaseMotion
-from laploop.envs.reach_env import ReachConfig
+from laploop.control.controllers.reach import ReachController
+from laploop.envs.tasks.reach import ReachConfig
+from laploop.envs.theatre.organ_motion import BaseMotion
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=1500, help="control periods of 8 ms at most")

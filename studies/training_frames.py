@@ -13,14 +13,14 @@ from rich.progress import Progress
 from laploop.assets.phantom import TissueConfig
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.shafts import INSTRUMENT
-from laploop.envs.sensors.scope_ranges import ScopeRanges, draw_scope
+from laploop.envs.sensors.optics.scope_ranges import ScopeRanges, draw_scope
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.errors import InvalidValueError, OutputError, check_range
-from laploop.perception.frame_store import SPLITS, FrameStore
+from laploop.perception.data.frame_store import SPLITS, FrameStore
 from laploop.perception.geometry import Rig
-from laploop.studies.frame_conditions import CameraPose, FrameRanges, draw_camera, draw_optics, draw_tool
-from laploop.studies.hard_conditions import ill_exposure, place_large_tool
-from laploop.studies.training_scene import TrainingScene
+from laploop.studies.scenes.frame_conditions import CameraPose, FrameRanges, draw_camera, draw_optics, draw_tool
+from laploop.studies.scenes.hard_conditions import ill_exposure, place_large_tool
+from laploop.studies.scenes.training_scene import TrainingScene
 
 _TISSUE_STREAM = 71
 """Keeps the tissues' random numbers apart from those of theatres, whose seeds are small integers too."""

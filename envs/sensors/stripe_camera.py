@@ -9,17 +9,17 @@ import warp as wp
 from numpy.typing import NDArray
 from scipy.special import ive
 
-from laploop.envs.sensors import shading_kernels
-from laploop.envs.sensors.lens_distortion import distorted_rays
-from laploop.envs.sensors.mask_stack import MaskStack
-from laploop.envs.sensors.mask_table import FINE_COLUMNS, MaskTable
-from laploop.envs.sensors.ray_scene import RayScene, open_device
-from laploop.envs.sensors.scene_geometry import SceneGeometry
-from laploop.envs.sensors.strip_runner import StripRunner
+from laploop.envs.sensors.kernels import shading_kernels
+from laploop.envs.sensors.optics.lens_distortion import distorted_rays
+from laploop.envs.sensors.optics.mask_stack import MaskStack
+from laploop.envs.sensors.optics.mask_table import FINE_COLUMNS, MaskTable
+from laploop.envs.sensors.optics.stripe_optics import StripeOptics
+from laploop.envs.sensors.optics.tissue_appearance import TissueAppearance
 from laploop.envs.sensors.stripe_capture import ExactView, StripeCapture
-from laploop.envs.sensors.stripe_optics import StripeOptics
-from laploop.envs.sensors.tissue_appearance import TissueAppearance
-from laploop.envs.sensors.view_tracer import ViewTracer
+from laploop.envs.sensors.tracing.ray_scene import RayScene, open_device
+from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
+from laploop.envs.sensors.tracing.strip_runner import StripRunner
+from laploop.envs.sensors.tracing.view_tracer import ViewTracer
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Rig
 from laploop.perception.reprojection import BrownDistortion

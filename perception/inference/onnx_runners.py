@@ -9,8 +9,8 @@ import torch
 from numpy.typing import NDArray
 
 from laploop.errors import InvalidValueError
-from laploop.perception.export import INPUT, export_onnx, require_packages
 from laploop.perception.inference.depth_module import DepthModule
+from laploop.perception.inference.export import INPUT, export_onnx, require_packages
 
 
 class OnnxRuntimeRunner:

@@ -17,7 +17,7 @@ from rich.progress import Progress, track
 from torch import Tensor
 
 from laploop.errors import InvalidValueError, OutputError
-from laploop.perception.frame_store import FrameStore
+from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.geometry import Rig
 from laploop.perception.metrics import DepthErrors
 from laploop.perception.networks.compact_unet import CompactConfig, CompactOutput, CompactUNet

@@ -10,9 +10,9 @@ import torch
 from torch.nn import functional
 
 from laploop.errors import InvalidValueError, UnknownNameError
-from laploop.perception.datasets import DepthDataset
-from laploop.perception.losses import masked_l1, masked_mean
+from laploop.perception.data.datasets import DepthDataset
 from laploop.perception.networks.dual_unet import DualUNet, DualUNetConfig
+from laploop.perception.training.losses import masked_l1, masked_mean
 from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, Schedule, flip_and_gain, seeded
 from laploop.perception.training.single_stage import TrainingOptions, train_single_stage
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from laploop.errors import InvalidValueError
-from laploop.perception.datasets import DepthDataset
+from laploop.perception.data.datasets import DepthDataset
 
 Network = TypeVar("Network", bound=nn.Module)
 

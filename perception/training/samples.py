@@ -12,7 +12,7 @@ from rich.progress import track
 from torch.utils.data import DataLoader, Dataset, Sampler
 
 from laploop.errors import InvalidValueError
-from laploop.perception.datasets import DepthDataset, ReferencedDataset
+from laploop.perception.data.datasets import DepthDataset, ReferencedDataset
 from laploop.perception.training.recipe import Batch, Recipe, Sample
 
 AGAINST = ("exact", "zivid")

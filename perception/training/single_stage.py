@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypedDict, Unpack
 
-from laploop.perception.datasets import DepthDataset
+from laploop.perception.data.datasets import DepthDataset
 from laploop.perception.training.fit import Machine, check_fresh, fit, require_lightning
 from laploop.perception.training.recipe import Recipe
 from laploop.perception.training.samples import Samples, check_against, check_size

@@ -7,11 +7,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from laploop.perception.datasets import DepthDataset
-from laploop.perception.losses import linear_ramp, masked_l1, spatial_loss, vq_loss
+from laploop.perception.data.datasets import DepthDataset
 from laploop.perception.networks.ssle_network import FORMAT, SsleConfig, SsleNetwork, SsleOutput
 from laploop.perception.networks.vq_vae import VqVae, depth_to_unit, image_to_unit, unit_to_depth
 from laploop.perception.training.fit import Machine, check_fresh, fit, require_lightning
+from laploop.perception.training.losses import linear_ramp, masked_l1, spatial_loss, vq_loss
 from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, flip_and_gain, seeded
 from laploop.perception.training.samples import SampleDataset, Samples, check_against, check_size, stack
 from laploop.perception.training.ssle_settings import SsleTraining

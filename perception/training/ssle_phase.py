@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from laploop.errors import InvalidValueError
-from laploop.perception.datasets import DepthDataset
+from laploop.perception.data.datasets import DepthDataset
 from laploop.perception.networks.ssle_phase import (
     FORMAT,
     SslePhase,

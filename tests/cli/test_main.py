@@ -6,16 +6,16 @@ from importlib.metadata import version
 import pytest
 
 from laploop.cli import main as entry
-from laploop.cli.main import COMMANDS, Command, main
+from laploop.cli.main import COMMANDS, main
 from laploop.errors import InvalidValueError, SimulationError
 
 
 def install(monkeypatch, behaviour):
     """Make `laploop fake` run a function."""
-    module = type(sys)("laploop_fake_command")
+    module = type(sys)("laploop.cli.commands.fake")
     module.main = behaviour
-    monkeypatch.setitem(sys.modules, "laploop_fake_command", module)
-    monkeypatch.setitem(COMMANDS, "fake", Command(module="laploop_fake_command", summary="fake"))
+    monkeypatch.setitem(sys.modules, "laploop.cli.commands.fake", module)
+    monkeypatch.setitem(COMMANDS, "fake", "fake")
     monkeypatch.setattr(entry.signal, "signal", lambda *_: None)
 
 

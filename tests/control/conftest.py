@@ -8,9 +8,9 @@ import pytest
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.shafts import INSTRUMENT
+from laploop.control.arm.model import ArmModel
+from laploop.control.arm.start_posture import start_posture
 from laploop.control.messages import ControlInput
-from laploop.control.robot import ArmModel
-from laploop.control.start_posture import start_posture
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate, DepthFrame
 

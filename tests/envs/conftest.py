@@ -5,8 +5,8 @@ import pytest
 
 from laploop.assets.phantom import TissueConfig
 from laploop.assets.tissue_shape import TissueShape
-from laploop.control.scripted import make_controller
-from laploop.envs.tasks import task_environment
+from laploop.control.controllers.registry import make_controller
+from laploop.envs.tasks.registry import task_environment
 
 COARSE = TissueConfig(shape=TissueShape(samples=31), cells=(4, 4))
 """Tissue of a quarter of the vertices and a sixth of the cells: twice as fast, for tests that do not look at it closely."""

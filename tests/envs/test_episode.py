@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from laploop.control.scripted import make_controller
+from laploop.control.controllers.registry import make_controller
 from laploop.envs import episode
-from laploop.envs.base_motion import BaseMotion
-from laploop.envs.closed_loop import LoopConfig
 from laploop.envs.episode import EpisodeConfig, run_episode
-from laploop.envs.sensors.optics_presets import PRESETS
-from laploop.envs.tasks import TASKS, task_environment
-from laploop.envs.trocar import TrocarConfig
+from laploop.envs.loop.closed_loop import LoopConfig
+from laploop.envs.sensors.optics.presets import PRESETS
+from laploop.envs.tasks.registry import TASKS, task_environment
+from laploop.envs.theatre.organ_motion import BaseMotion
+from laploop.envs.theatre.trocar import TrocarConfig
 from laploop.errors import InvalidValueError, MissingFileError, UnknownNameError, WeightsError
 
 

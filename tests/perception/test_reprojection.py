@@ -4,11 +4,11 @@ from scipy import ndimage
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.envs.sensors.object_id import ObjectId
-from laploop.envs.sensors.reference_camera import ReferenceCamera, lateral_mount
-from laploop.envs.sensors.reference_optics import ReferenceOptics
+from laploop.envs.sensors.reference.camera import ReferenceCamera, lateral_mount
+from laploop.envs.sensors.reference.optics import ReferenceOptics
 from laploop.envs.sensors.stripe_camera import StripeCamera
-from laploop.envs.theatre import Theatre
-from laploop.envs.theatre_config import TheatreConfig
+from laploop.envs.theatre.config import TheatreConfig
+from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Intrinsics, Rig, invert_transform, transform_points
 from laploop.perception.reprojection import BrownDistortion, back_project, reproject

@@ -6,10 +6,10 @@ import pytest
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
 from laploop.errors import InvalidValueError, OutputError
-from laploop.perception.frame_store import FrameStore
+from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.geometry import Rig
 from laploop.studies import training_frames
-from laploop.studies.depth_evaluation import evaluate_depth
+from laploop.studies.depth.evaluation import evaluate_depth
 from laploop.studies.training_frames import TrainingFramesConfig, render_training_frames
 
 TINY = TrainingFramesConfig(

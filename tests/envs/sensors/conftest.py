@@ -7,8 +7,8 @@ import pytest
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.envs.sensors.object_id import ObjectId
-from laploop.envs.sensors.scene_geometry import SceneGeometry
 from laploop.envs.sensors.stripe_camera import StripeCamera
+from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.perception.geometry import Rig
 
 PlaneMaker = Callable[..., SceneGeometry]

@@ -7,9 +7,9 @@ import pytest
 
 from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.object_id import ObjectId
-from laploop.envs.sensors.scene_geometry import SceneGeometry
+from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.envs.sensors.stripe_camera import StripeCamera
-from laploop.envs.sensors.stripe_optics import StripeOptics
+from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.errors import InvalidValueError
 from laploop.perception.estimators.base import check_image, to_eight_bits
 

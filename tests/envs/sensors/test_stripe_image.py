@@ -5,9 +5,9 @@ import pytest
 
 from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.object_id import ObjectId
-from laploop.envs.sensors.scene_geometry import SceneGeometry
+from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.envs.sensors.stripe_camera import StripeCamera
-from laploop.envs.sensors.stripe_optics import StripeOptics
+from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 
 AT_ORIGIN = np.eye(4)
 WITHOUT_STRAY_LIGHT = StripeOptics(stray_fraction=0.0)

@@ -1,0 +1,77 @@
+"""`laploop calibrate`: calibrate the bench from pictures of a board, and compare with the truth."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from laploop.assets.scope_optics import ScopeOptics
+from laploop.cli.console import ResultTable, progress_bar
+from laploop.cli.output import OutputFolder
+from laploop.cli.parsing import parse
+from laploop.perception.calibration.calibration_file import save_calibration
+from laploop.studies.calibration.figure import draw_calibration
+from laploop.studies.calibration.run import CalibrationConfig, calibrate_bench
+from laploop.studies.calibration.truth import as_dict, corners_as_csv, true_residuals, views_as_csv
+from laploop.studies.scenes.optical_bench import OpticalBench
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrateArguments:
+    """Calibrate scope, reference camera, the transform between them, the projector, and the scope on its arm.
+
+    All from rendered pictures, as on a bench. Writes `calibration.json`, `calibration.png`, `views.csv`, `corners.csv` and
+    `summary.json`, which also tells the residuals that only a simulator knows.
+    """
+
+    views: int = 20
+    """Pictures in each step: the scope's own, the reference camera's own, pairs, stripes on a card, poses of the arm."""
+    seed: int = 0
+    """Of the poses and the sensors' noise."""
+    preset: str = "paper"
+    """Optical model of the scope: ideal, paper or worst."""
+    projector: bool = True
+    """Calibrate the stripe projector as well."""
+    hand_eye: bool = True
+    """Calibrate the scope on the arm's flange as well."""
+    joint_noise_rad: float = 0.0
+    """Standard deviation of the joint angles that the arm tells."""
+    scope: ScopeOptics = field(default_factory=ScopeOptics)
+    out: Path
+    """Folder to write to; made where it does not exist."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command."""
+    chosen = parse(CalibrateArguments, arguments, "calibrate")
+    config = CalibrationConfig(
+        views=chosen.views,
+        seed=chosen.seed,
+        bench=OpticalBench(scope=chosen.scope, preset=chosen.preset),
+        projector=chosen.projector,
+        hand_eye=chosen.hand_eye,
+        joint_noise_rad=chosen.joint_noise_rad,
+    )
+    with OutputFolder(chosen.out, "calibrate") as folder:
+        with progress_bar("views", config.pictures) as advance_to:
+            found = calibrate_bench(config, advance_to)
+        with folder.artefact("calibration.json") as path:
+            save_calibration(path, found.stereo, projector=found.projector, hand_eye=found.hand_eye)
+        folder.write_text("views.csv", views_as_csv(found))
+        folder.write_text("corners.csv", corners_as_csv(found))
+        with folder.artefact("calibration.png") as path:
+            draw_calibration(found, path)
+        folder.write_summary(as_dict(found), config=config, seed=config.seed)
+    truth = true_residuals(found)
+    table = ResultTable(f"calibration, {config.views} views a step, preset {chosen.preset}")
+    table.row("reprojection, scope", found.joint.scope_error_px, "px rms")
+    table.row("reprojection, reference", found.joint.reference_error_px, "px rms")
+    table.row("true residual of (R, t)", truth.stereo.rotation_deg, "degrees")
+    table.row("", truth.stereo.translation_mm, "mm")
+    if truth.projector is not None:
+        table.row("true residual of the baseline", truth.projector.baseline_um, "um")
+        table.row("depth at 100 mm from exact stripes", truth.projector.depth_rms_mm, "mm rms")
+    if truth.hand_eye is not None:
+        table.row("true residual of hand-eye", truth.hand_eye.rotation_deg, "degrees")
+        table.row("", truth.hand_eye.translation_mm, "mm")
+    table.show(folder.path)
+    return 0

@@ -1,0 +1,72 @@
+"""`laploop characterize`: how visible the projected stripes are, by working distance."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from laploop.assets.mask_fabrication import fabricated
+from laploop.assets.stripe_mask import StripeMask
+from laploop.cli.console import ResultTable, progress_bar
+from laploop.cli.output import OutputFolder
+from laploop.cli.parsing import parse
+from laploop.studies.characterization.figure import draw_characterization
+from laploop.studies.characterization.run import (
+    CharacterizationConfig,
+    as_csv,
+    as_markdown,
+    characterise,
+    profiles_as_csv,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CharacterizeArguments:
+    """Image a depth-of-field target and measure the stripes' contrast and brightness against working distance.
+
+    Writes `characterization.png`, `characterization.csv`, `characterization.md`, `profiles.csv` and `summary.json`.
+    """
+
+    characterization: Annotated[CharacterizationConfig, tyro.conf.arg(name="")] = field(default_factory=CharacterizationConfig)
+    mask_image: Path | None = None
+    """A mask as a grey PNG (grey is transmission), instead of the built-in one; square unless it is one of upright stripes. Say
+    with `--optics.mask.stripes` how many periods it has."""
+    mask_route: Literal["printed", "chrome"] | None = None
+    """How the built-in mask was made, which tells how rough the edges of its stripes are; `--optics.mask.edge-seed` chooses the
+    specimen. By default its edges are ideal."""
+    out: Path
+    """Folder to write to; made where it does not exist."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command."""
+    chosen = parse(CharacterizeArguments, arguments, "characterize")
+    config = chosen.characterization
+    if chosen.mask_image is not None:
+        drawn = config.optics.mask
+        mask = StripeMask.from_png(
+            chosen.mask_image, stripes=drawn.stripes, fov_rad=drawn.fov_rad, edge_roughness=drawn.edge_roughness
+        )
+        config = replace(config, optics=replace(config.optics, mask=mask))
+    if chosen.mask_route is not None:
+        mask = fabricated(config.optics.mask, chosen.mask_route, config.optics.mask.edge_seed)
+        config = replace(config, optics=replace(config.optics, mask=mask))
+    with OutputFolder(chosen.out, "characterize") as folder:
+        with progress_bar("distances", len(config.measured_mm)) as advance_to:
+            found = characterise(config, advance_to)
+        folder.write_text("characterization.csv", as_csv(found))
+        folder.write_text("characterization.md", as_markdown(found))
+        folder.write_text("profiles.csv", profiles_as_csv(found))
+        title = f"Stripes on an inclined depth-of-field target  |  preset {config.preset}"
+        with folder.artefact("characterization.png") as path:
+            draw_characterization(found, title, path)
+        folder.write_summary(found.as_dict(), config=replace(chosen, characterization=config), seed=config.seed)
+    table = ResultTable(f"stripes, preset {config.preset}")
+    for profile in found.profiles:
+        note = f"Michelson contrast, mean grey value {profile.mean_intensity:.1f}"
+        table.row(f"{profile.distance_mm} mm", None if math.isnan(profile.contrast) else profile.contrast, note)
+    table.show(folder.path)
+    return 0

@@ -1,0 +1,105 @@
+"""`laploop collect`: stripe frames paired with captures of the reference camera, by the paper's automated program."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+
+from laploop.cli.console import ResultTable, progress_bar
+from laploop.cli.dataset import PAIRS, dataset_path
+from laploop.cli.output import OutputFolder, plain
+from laploop.cli.parsing import parse
+from laploop.errors import InvalidValueError
+from laploop.perception.data.pair_store import PairStore
+from laploop.studies.acquisition.card import measure_pairs, summarise, write_card
+from laploop.studies.acquisition.check import check_pairs
+from laploop.studies.acquisition.config import AcquisitionConfig
+from laploop.studies.acquisition.run import calibration_config, collect_pairs, open_or_create
+
+_SHOWN_PROBLEMS = 50
+
+
+@dataclass(frozen=True, kw_only=True)
+class CollectArguments:
+    """Collect stripe frames and the depth of a reference camera, pair by pair, on a simulated bench.
+
+    Writes the data set `pairs.zarr`, its card `card.md` with figures and `statistics.json`, and `summary.json`. When it was
+    stopped, the same command goes on where it was. With `--verify` it checks a data set instead.
+    """
+
+    acquisition: Annotated[AcquisitionConfig, tyro.conf.arg(name="")] = field(default_factory=AcquisitionConfig)
+    calibration: Path | None = None
+    """A calibration.json to reproject with; by default the bench is calibrated first."""
+    out: Path | None = None
+    """Folder to write to; made where it does not exist."""
+    verify: Path | None = None
+    """Check every pair of this data set, and collect nothing."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command."""
+    chosen = parse(CollectArguments, arguments, "collect")
+    if chosen.verify is not None:
+        return _verify(chosen.verify)
+    if chosen.out is None:
+        raise InvalidValueError("--out", None, "a folder for the data set, or --verify and a data set")
+    config = chosen.acquisition
+    with OutputFolder(chosen.out, "collect") as folder:
+        path = folder.path / PAIRS
+        before = PairStore.open(path).count_done() if path.exists() else 0
+        if not path.exists() and chosen.calibration is None:
+            with progress_bar("views of the calibration board", calibration_config(config).pictures) as progress:
+                open_or_create(config, path, progress=progress)
+        with progress_bar("pairs", config.pairs) as report:
+            collect_pairs(config, path, calibration=chosen.calibration, report=report)
+        store = PairStore.open(path)
+        summary = _describe(store, folder)
+        size_mb = 1e-6 * sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+        results = {
+            "pairs_collected_now": len(store) - before,
+            "megabytes_per_pair": size_mb / len(store),
+            "statistics": summary,
+        }
+        folder.write_summary(results, config=chosen, seed=config.seed)
+    table = ResultTable(f"data set, seed {config.seed}")
+    table.row("pairs", str(len(store)), f"{size_mb:.0f} MB")
+    for name, count in summary["tissues"].items():
+        table.row(f"tissues, {name}", str(count))
+    table.row("image with a reference depth", 100.0 * summary["valid_share"]["mean"], "%")
+    table.row("reference - exact depth, median magnitude", summary["difference_mad_mm"]["median"], "mm")
+    table.show(folder.path)
+    return 0
+
+
+def _describe(store: PairStore, folder: OutputFolder) -> dict[str, Any]:
+    """Write card, figures and statistics, and return the statistics."""
+    from laploop.studies.acquisition.figure import draw_examples, draw_statistics
+
+    statistics = measure_pairs(store)
+    summary = summarise(store, statistics)
+    with folder.artefact("examples.png") as path:
+        draw_examples(store, statistics, path)
+    with folder.artefact("statistics.png") as path:
+        draw_statistics(statistics, path)
+    folder.write_text("statistics.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
+    folder.write_text("card.md", write_card(store, summary))
+    return summary
+
+
+def _verify(given: Path) -> int:
+    """Check a data set and list what is wrong with it."""
+    path = dataset_path(given)
+    with progress_bar("pairs checked", len(PairStore.open(path))) as report:
+        result = check_pairs(path, report=report)
+    console = Console()
+    for problem in result.problems[:_SHOWN_PROBLEMS]:
+        console.print(problem, highlight=False, soft_wrap=True)
+    if len(result.problems) > _SHOWN_PROBLEMS:
+        console.print(f"and {len(result.problems) - _SHOWN_PROBLEMS} more", highlight=False)
+    verdict = "nothing wrong" if result.passed else f"{len(result.problems)} problems"
+    console.print(f"{path}: {result.done} of {result.pairs} pairs done, {verdict}", highlight=False, soft_wrap=True)
+    return 0 if result.passed else 1

@@ -1,0 +1,103 @@
+"""`laploop evaluate`: models against exact depth and against the reference camera, on held-out tissues."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from laploop.cli.console import ResultTable
+from laploop.cli.dataset import dataset_path
+from laploop.cli.output import OutputFolder
+from laploop.cli.parsing import parse
+from laploop.perception.data.datasets import open_dataset
+from laploop.studies.depth.evaluation import DepthEvaluation, evaluate_depth
+from laploop.studies.depth.figure import draw_comparison, draw_distance, draw_examples
+from laploop.studies.depth.robustness import RobustnessRow, measure_robustness, write_robustness
+from laploop.studies.depth.robustness_scenes import RobustnessConfig
+from laploop.studies.depth.table import AGAINST, DepthTable, write_table
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluateArguments:
+    """Measure models on tissues that were not in training, against exact depth and against the reference camera.
+
+    Writes `depth.csv`, `depth.md`, `depth.json`, figures, with --robustness `robustness.csv` and `robustness.md`, and
+    `summary.json`.
+    """
+
+    evaluation: Annotated[DepthEvaluation, tyro.conf.arg(name="")] = field(default_factory=DepthEvaluation)
+    dataset: Path
+    """Folder that `laploop synthesize` or `laploop collect` wrote, or the data set in it."""
+    models: tuple[str, ...] = ("phase", "compact")
+    """Which models, separated by commas or spaces; dpt and depth-anything are compared raw and fitted."""
+    robustness: bool = False
+    """Also render other conditions than the nominal one (half the light, a large tool, ...), and measure the models there."""
+    conditions: RobustnessConfig = field(default_factory=RobustnessConfig)
+    """How many frames, for --robustness."""
+    out: Path
+    """Folder to write to; made where it does not exist."""
+
+    @property
+    def model_names(self) -> tuple[str, ...]:
+        """The models one by one."""
+        return tuple(name for part in self.models for name in part.split(",") if name)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command."""
+    chosen = parse(EvaluateArguments, arguments, "evaluate")
+    path = dataset_path(chosen.dataset)
+    rows: list[RobustnessRow] = []
+    with OutputFolder(chosen.out, "evaluate") as folder:
+        found = evaluate_depth(path, chosen.model_names, config=chosen.evaluation)
+        folder.forget_summary()
+        write_table(found, folder.path)
+        _draw(found, folder)
+        results = {
+            "tissues": found.tissues,
+            "frames": found.frames,
+            "median_ms": found.median_ms,
+            "error_budget": found.error_budget(),
+            "rows": found.flat_rows(),
+        }
+        if chosen.robustness:
+            rows = measure_robustness(
+                chosen.model_names,
+                open_dataset(path).optics,
+                config=chosen.conditions,
+                weights=chosen.evaluation.weights,
+                range_mm=(chosen.evaluation.nearest_mm, chosen.evaluation.farthest_mm),
+            )
+            write_robustness(rows, folder.path)
+            results["robustness"] = [row.flat() for row in rows]
+        folder.write_summary(results, config=chosen, seed=chosen.evaluation.bootstrap_seed)
+    _show(found, rows, folder.path)
+    return 0
+
+
+def _draw(found: DepthTable, folder: OutputFolder) -> None:
+    """Draw what there is to draw; the examples are of the first model that is not the truth itself."""
+    if found.examples and any(example.mask.any() for example in found.examples):
+        with folder.artefact("depth_comparison.png") as partial:
+            draw_comparison(found, partial)
+        with folder.artefact("depth_examples.png") as partial:
+            names = list(found.examples[0].estimates)
+            draw_examples(found, next((name for name in names if name != "oracle"), names[0]), partial)
+    for against in AGAINST:
+        if found.models(against):
+            with folder.artefact(f"depth_distance_{against}.png") as partial:
+                draw_distance(found, against, partial)
+
+
+def _show(found: DepthTable, rows: Sequence[RobustnessRow], path: Path) -> None:
+    table = ResultTable(f"{found.frames} frames of {found.tissues} tissues: mean absolute error")
+    for row in found.rows:
+        if row.working_distance_mm == "all":
+            valid = f"; {row.valid.mae_mm:.3g} mm on the {row.valid_share:.1%} called valid"
+            table.row(f"{row.model}, against {row.against}", row.every.mae_mm, f"mm{valid}")
+    for line in rows:
+        valid = f"; {line.valid.mae_mm:.3g} mm on the {line.valid_share:.1%} called valid"
+        table.row(f"{line.model}, {line.condition}", line.every.mae_mm, f"mm{valid}")
+    table.show(path)

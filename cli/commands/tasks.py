@@ -1,0 +1,62 @@
+"""`laploop tasks`: the table of all tasks, measured against what is asked of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import tyro
+
+from laploop.cli.console import ResultTable, progress_bar
+from laploop.cli.output import OutputFolder
+from laploop.cli.parsing import parse
+from laploop.studies.episodes.task_table import (
+    TaskTableConfig,
+    quantity,
+    run_task_table,
+    summarise_tasks,
+    table_csv,
+    table_markdown,
+)
+from laploop.studies.episodes.trials import as_csv
+from laploop.studies.timing.machine import describe_machine
+
+
+@dataclass(frozen=True, kw_only=True)
+class TasksArguments:
+    """Run every task under the conditions that count, over many seeds, and tell what is as asked.
+
+    Writes `tasks.md`, `tasks.csv`, a `trials.csv` for each campaign in a folder of its name, and `summary.json`. A finished
+    episode is kept: when the command is run again with the same options, it goes on where it was. Whether all is as asked
+    stands in the table; the exit status is 1 only if an episode could not be run.
+    """
+
+    table: tyro.conf.OmitArgPrefixes[TaskTableConfig] = field(default_factory=TaskTableConfig)
+    out: Path
+    """Folder to write to; made where it does not exist."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command."""
+    chosen = parse(TasksArguments, arguments, "tasks")
+    config = chosen.table
+    campaigns = config.campaigns()
+    with OutputFolder(chosen.out, "tasks") as folder:
+        with progress_bar("episodes", len(campaigns) * config.seeds) as advance_to:
+            rows = run_task_table(config, folder.path, advance_to)
+        results = summarise_tasks(rows, campaigns)
+        for name, found in rows.items():
+            folder.write_text(f"{name}/trials.csv", as_csv(found))
+        folder.write_text("tasks.csv", table_csv(results))
+        folder.write_text("tasks.md", table_markdown(results))
+        folder.write_summary({**results, "machine": describe_machine()}, config=chosen, seed=config.first_seed)
+    table = ResultTable(f"{len(campaigns)} campaigns of {config.seeds} seeds")
+    for line in results["campaigns"]:
+        verdict = "as asked" if line["met"] else "NOT as asked"
+        table.row(line["campaign"], f"{100 * line['success_rate']:.0f} % success", verdict)
+        for check in line["checks"]:
+            if check["met"] is False:
+                table.row(f"  {check['name']}", quantity(check), f"asked: {check['bar']}")
+        if line["errors"]:
+            table.row("  could not be run", str(line["errors"]), "episodes")
+    table.show(folder.path)
+    return 1 if any(line["errors"] for line in results["campaigns"]) else 0

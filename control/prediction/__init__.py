@@ -1,0 +1,1 @@
+"""Rhythms of the tissue: models, filters and what they predict."""

@@ -1,0 +1,1 @@
+"""From a pixel and a depth frame to a point, its normal and its motion."""

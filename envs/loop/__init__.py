@@ -1,0 +1,1 @@
+"""What happens between two control ticks: clock, latency, perception server, faults, miscalibration."""

@@ -1,0 +1,386 @@
+"""Everything between a desired tip velocity and the next depth frame: physics, stripes, perception, trocar-aware control."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.assets.scope_optics import ScopeOptics
+from laploop.control.arm.rcm_controller import RcmController, RcmControllerConfig, RcmStatus
+from laploop.control.messages import ControlInput
+from laploop.envs.loop.clock_rates import ClockRates
+from laploop.envs.loop.faults import Fault, FaultInjector
+from laploop.envs.loop.kinematic_errors import KinematicErrors
+from laploop.envs.loop.latency import ConstantLatency, LatencyModel
+from laploop.envs.loop.limit_monitor import LimitMonitor
+from laploop.envs.loop.marker_view import visible_pixel
+from laploop.envs.loop.miscalibrated_arm import MiscalibratedArm, MiscalibratedScope, MiscalibratedTool
+from laploop.envs.loop.perception_server import CapturedFrame, PerceptionServer, ServedFrame
+from laploop.envs.loop.proprioception import Proprioception, ProprioceptionConfig, ProprioceptiveReading
+from laploop.envs.loop.stage_timer import StageTimer
+from laploop.envs.recording.recorder import DepthRecord, FrameRecord, NullRecorder, Recorder
+from laploop.envs.sensors.object_id import ObjectId
+from laploop.envs.sensors.optics.stripe_optics import StripeOptics
+from laploop.envs.sensors.stripe_camera import StripeCamera
+from laploop.envs.theatre.actuation import ActuationConfig
+from laploop.envs.theatre.config import TheatreConfig
+from laploop.envs.theatre.theatre import Theatre
+from laploop.envs.theatre.trocar import TrocarConfig
+from laploop.errors import InvalidValueError, SimulationError
+from laploop.perception.estimators.base import DepthEstimator
+from laploop.perception.geometry import Rig, invert_transform, transform_points
+from laploop.perception.messages import StripeFrame
+
+Array = NDArray[np.float64]
+
+MAX_WAIT_NS = 10_000_000_000
+"""How long a reset waits for the first depth frame."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopConfig:
+    """The stages of the loop and their timing."""
+
+    rates: ClockRates = field(default_factory=ClockRates)
+    latency: LatencyModel = field(default_factory=ConstantLatency)
+    """Service time of the perception stage."""
+    transfer_ns: int = 0
+    """From the capture of a frame to its arrival at the perception stage."""
+    scope: ScopeOptics = field(default_factory=ScopeOptics)
+    stripes: StripeOptics = field(default_factory=StripeOptics)
+    proprioception: ProprioceptionConfig = field(default_factory=ProprioceptionConfig)
+    rcm: RcmControllerConfig = field(default_factory=RcmControllerConfig)
+    actuation: ActuationConfig = field(default_factory=ActuationConfig)
+    """How both arms follow their joint targets."""
+    trocar: TrocarConfig = field(default_factory=TrocarConfig)
+    """What wall and seal do to both shafts."""
+    kinematic_errors: KinematicErrors = field(default_factory=KinematicErrors)
+    """What each arm's kinematics and the hand-eye calibration get wrong, drawn anew in every episode."""
+    faults: tuple[Fault, ...] = ()
+    device: str = "cpu"
+    """Where stripes are rendered: `cpu` or a CUDA device."""
+
+    def __post_init__(self) -> None:
+        """Check the transfer time.
+
+        Raises:
+            InvalidValueError: If it is negative.
+        """
+        if self.transfer_ns < 0:
+            raise InvalidValueError("transfer_ns", self.transfer_ns, "0 or more")
+
+
+class ClosedLoop:
+    """A theatre with its sensor, its perception stage and its arm controllers, under one clock.
+
+    In every physics step the order is: physics, kinematics refreshed, proprioception, capture if a camera period begins,
+    arrival of depth frames. In every control period the joint references come first. A depth frame that a newer one has
+    overtaken is dropped when it arrives, so that the newest known is never replaced by an older one.
+    """
+
+    def __init__(
+        self,
+        config: LoopConfig,
+        estimator: DepthEstimator,
+        recorder: Recorder | None = None,
+        *,
+        moves_scope: bool = False,
+        locate_target: Callable[[], Array] | None = None,
+    ) -> None:
+        """Keep the parts that outlive an episode; `reset` makes the rest.
+
+        Args:
+            config: The stages and their timing.
+            estimator: The perception stage.
+            recorder: Told everything.
+            moves_scope: Whether the camera arm is controlled; it stands still otherwise.
+            locate_target: Returns where in the world the target is, (3,), for its marker; called at every capture.
+        """
+        self.config = config
+        self._moves_scope = moves_scope
+        self._locate_target = locate_target
+        self.estimator = estimator
+        self.recorder: Recorder = recorder or NullRecorder()
+        self.rig = Rig.from_optics(config.scope)
+        self.timer = StageTimer()
+        self._server: PerceptionServer | None = None
+
+    def reset(
+        self, theatre_config: TheatreConfig, rng: np.random.Generator, at_first_frame: Callable[[], None] | None = None
+    ) -> None:
+        """Build the theatre and run it, arms held, until the first depth frame has arrived.
+
+        Args:
+            theatre_config: What to build; its time step and control period must be those of the rates.
+            rng: Source of noise, of latencies, of the tissue's texture, and of the proprioceptive channels' corruption.
+            at_first_frame: Called at time 0, when the first frame has just been captured.
+
+        Raises:
+            InvalidValueError: If the theatre's time step or control period is not that of the rates.
+            SimulationError: If no depth frame arrives.
+        """
+        rates = self.config.rates
+        for name, period_ns in (("timestep_s", rates.physics_ns), ("control_period_s", rates.control_ns)):
+            if round(getattr(theatre_config, name) * 1e9) != period_ns:
+                raise InvalidValueError(name, getattr(theatre_config, name), f"{period_ns * 1e-9} as in the rates")
+        self.close()
+        self._noise_rng, latency_rng, corruption_rng, texture_rng, tool_rng, scope_rng = rng.spawn(6)
+        self.timer = StageTimer()
+        self.theatre = Theatre(theatre_config)
+        self.theatre.reset()
+        errors = self.config.kinematic_errors
+        exact = errors == KinematicErrors()
+        self.tool = MiscalibratedTool(self.theatre, None if exact else errors.draw(tool_rng))
+        self.scope = MiscalibratedScope(self.theatre, None if exact else errors.draw(scope_rng))
+        self._tool_controller = self._controller(self.tool)
+        self._scope_controller = self._controller(self.scope) if self._moves_scope else None
+        self._injector = FaultInjector(self.config.faults)
+        self._out_of_reach = ""
+        self._camera = StripeCamera(self.rig, self.config.stripes, device=self.config.device)
+        self._camera.attach(self.theatre.model, rng=texture_rng)
+        self._server = PerceptionServer(self.estimator, self.config.latency, latency_rng)
+        self._proprioception = Proprioception(
+            self.tool, self.config.proprioception, self.config.rates.physics_steps_per_control
+        )
+        self._proprioception.reset(np.random.RandomState(corruption_rng.integers(2**32)))
+        self.frame_count = 0
+        models = {"camera": self.scope.model, "tool": self.tool.model}
+        self.watch = LimitMonitor(self.theatre, models, self.config.rcm, rates.control_s)
+        self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
+        self.max_port_force_n = {"camera": 0.0, "tool": 0.0}
+        self.max_port_friction_n = {"camera": 0.0, "tool": 0.0}
+        self.max_force_n = self.mean_force_n = 0.0
+        self.first_captured: CapturedFrame | None = None
+        self.newest_captured: CapturedFrame | None = None
+        self.newest_served: ServedFrame | None = None
+        self._in_transfer: list[CapturedFrame] = []
+        self._overtaken = 0
+        # Where the target's marker appears in the frames that are under way or newest, by their index.
+        self._markers: dict[int, Array | None] = {}
+        self.recorder.begin(self.theatre, self.rig)
+        self._capture_if_due()
+        if at_first_frame is not None:
+            at_first_frame()
+        self._mark(self.first_captured)
+        self._deliver()
+        while self.newest_served is None:
+            if self.now_ns > MAX_WAIT_NS:
+                raise SimulationError(f"no depth frame arrived within {MAX_WAIT_NS * 1e-9:.0f} s of simulated time")
+            self.advance(np.zeros(3))
+
+    def advance(self, tip_velocity_in_camera: Array, scope_velocity_in_camera: Array | None = None) -> list[ServedFrame]:
+        """Run one control period.
+
+        Args:
+            tip_velocity_in_camera: (3,), desired velocity of the tool's tip in m/s, along the camera's axes.
+            scope_velocity_in_camera: The same of the scope's tip, where it is moved; none counts as zero.
+
+        Returns:
+            The depth frames that arrived, oldest first.
+        """
+        rates = self.config.rates
+        with self.timer.measure("control"):
+            rotation = self.scope.world_from_camera()[:3, :3]
+            # Each shaft keeps clear of the other, from where that one's robot believes it to be.
+            self._tool_controller.set_other_shaft(self.scope.tip_pose_in_world(), self.scope.model.shaft)
+            wanted = rotation @ tip_velocity_in_camera
+            if self._scope_controller is None:
+                wanted = self._within_reach(self.tool, self._tool_controller, wanted)
+            q, qdot = self._tool_controller.step(wanted, rates.control_s)
+            self.tool.command(q, qdot)
+            self.watch.commanded("tool", qdot)
+            if self._scope_controller is not None:
+                self._scope_controller.set_other_shaft(self.tool.tip_pose_in_world(), self.tool.model.shaft)
+                asked = np.zeros(3) if scope_velocity_in_camera is None else rotation @ scope_velocity_in_camera
+                wanted = self._within_reach(self.scope, self._scope_controller, asked)
+                q, qdot = self._scope_controller.step(wanted, rates.control_s)
+                self.scope.command(q, qdot)
+                self.watch.commanded("camera", qdot)
+        self.timer.complete("control")
+        self._proprioception.before_control_period()
+        self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
+        self.max_port_force_n = {"camera": 0.0, "tool": 0.0}
+        self.max_port_friction_n = {"camera": 0.0, "tool": 0.0}
+        self.max_force_n = self.mean_force_n = 0.0
+        served: list[ServedFrame] = []
+        for remaining in reversed(range(rates.physics_steps_per_control)):
+            with self.timer.measure("physics"):
+                self.theatre.step()
+                # MuJoCo leaves poses one step old; whoever looks at them gets fresh ones.
+                if remaining == 0 or self.now_ns % rates.camera_ns == 0:
+                    self.theatre.refresh()
+            self.timer.complete("physics")
+            self._proprioception.after_physics_step()
+            for name, arm in (("camera", self.theatre.camera_arm), ("tool", self.theatre.tool_arm)):
+                self.max_rcm_error_m[name] = max(self.max_rcm_error_m[name], self.theatre.rcm_error_m(arm))
+                self.max_port_force_n[name] = max(self.max_port_force_n[name], self.theatre.port_force_n(arm))
+                self.max_port_friction_n[name] = max(self.max_port_friction_n[name], self.theatre.port_friction_n(arm))
+            self.watch.stepped()
+            force = float(np.linalg.norm(self.theatre.contact_force_in_world()))
+            self.max_force_n = max(self.max_force_n, force)
+            self.mean_force_n += force / rates.physics_steps_per_control
+            self._capture_if_due()
+            served += self._deliver()
+        return served
+
+    @property
+    def now_ns(self) -> int:
+        """Simulated time."""
+        return self.theatre.now_ns
+
+    @property
+    def dropped_frames(self) -> int:
+        """Frames that a newer one overtook, before perception had time for them or on their way from it."""
+        return (self._server.dropped if self._server is not None else 0) + self._overtaken
+
+    @property
+    def tool_status(self) -> RcmStatus:
+        """What became of the last step of the tool arm."""
+        return self._status(self._tool_controller)
+
+    @property
+    def scope_status(self) -> RcmStatus | None:
+        """What became of the last step of the camera arm; None where it stands still."""
+        return None if self._scope_controller is None else self._status(self._scope_controller)
+
+    @property
+    def status_reason(self) -> str:
+        """What kept the last step of the moved arm from going as asked; empty while it goes as asked."""
+        reasons = self._out_of_reach, (self._scope_controller or self._tool_controller).last_reason
+        return ", ".join(filter(None, reasons))
+
+    @property
+    def scope_insertion_m(self) -> float:
+        """Length of the scope's shaft inside the wall, by its kinematics."""
+        return float(np.linalg.norm(self.scope.trocar_in_world - self.scope.tip_pose_in_world()[:3, 3]))
+
+    def active_faults(self) -> tuple[str, ...]:
+        """Return the injected faults that last now."""
+        return self._injector.active(self.now_ns)
+
+    def corrupted_action(self, action: Array) -> Array:
+        """Return what an injected fault makes of an action."""
+        return self._injector.action(action, self.now_ns)
+
+    def tip_velocity_of_joints(self, qdot: Array) -> Array:
+        """Return the velocity of the moved arm's tip, (3,) m/s along the camera's axes, that joint velocities ask for.
+
+        The joint velocities, (6,) rad/s, are first replaced by the nearest ones that leave the shaft on its trocar. The roll
+        about the shaft stays with the arm's posture.
+        """
+        arm = self.scope if self._scope_controller is not None else self.tool
+        controller = self._scope_controller or self._tool_controller
+        return np.asarray(self.scope.world_from_camera()[:3, :3].T @ arm.tip_velocity_of_joints(controller.q, qdot))
+
+    def reading(self) -> ProprioceptiveReading:
+        """Return what the tool arm's own channels deliver now."""
+        return self._injector.reading(self._proprioception.read(), self.now_ns)
+
+    def control_input(self, target_pixel: Array) -> ControlInput:
+        """Gather all that a tip controller may know, but for what its task alone knows."""
+        world_from_camera = self.scope.world_from_camera()
+        camera_from_world = invert_transform(world_from_camera)
+        reading = self.reading()
+        newest = self.newest_served
+        return ControlInput(
+            now_ns=self.now_ns,
+            depth=newest.depth if newest else None,
+            target_pixel=target_pixel,
+            tip_in_camera=transform_points(camera_from_world, reading.tip_in_world),
+            tip_velocity_in_camera=camera_from_world[:3, :3] @ reading.tip_velocity_in_world,
+            trocar_in_camera=transform_points(camera_from_world, self.tool.trocar_in_world),
+            contact_force_n=float(np.linalg.norm(reading.contact_force_in_world)),
+            contact_force_in_camera=camera_from_world[:3, :3] @ reading.contact_force_in_world,
+            shaft_axis_in_camera=camera_from_world[:3, :3] @ self.tool.shaft_axis_in_world(),
+            scope_trocar_in_camera=transform_points(camera_from_world, self.scope.trocar_in_world),
+            world_from_camera=world_from_camera,
+            lead_ns=self.config.actuation.lead_ns,
+            marker_pixel=self._markers.get(newest.depth.index) if newest else None,
+        )
+
+    def close(self) -> None:
+        """End the perception thread of the running episode, if any."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+
+    def _controller(self, arm: MiscalibratedArm) -> RcmController:
+        controller = RcmController(arm.model, arm.trocar_in_world, self.config.rcm)
+        controller.reset(arm.home_q)
+        return controller
+
+    def _within_reach(self, arm: MiscalibratedArm, controller: RcmController, wanted: Array) -> Array:
+        """Return the velocity of the moved arm's tip, (3,) m/s in the world, that faults leave possible."""
+        period_s, axis = self.config.rates.control_s, arm.shaft_axis_in_world()
+        velocity, self._out_of_reach = self._injector.velocity(wanted, axis, controller.insertion_m, period_s, self.now_ns)
+        return velocity
+
+    def _status(self, controller: RcmController) -> RcmStatus:
+        limited = self._out_of_reach and controller.last_status is RcmStatus.TRACKING
+        return RcmStatus.LIMITED if limited else controller.last_status
+
+    def _capture_if_due(self) -> None:
+        now_ns = self.now_ns
+        if now_ns % self.config.rates.camera_ns:
+            return
+        # Recording costs most when frames come, so that a sample of it is a whole camera period.
+        self.timer.complete("record")
+        with self.timer.measure("render"):
+            world_from_camera = self.theatre.world_from_camera()
+            truth = self._camera.capture(self.theatre.data, world_from_camera, self._noise_rng)
+        self.timer.complete("render")
+        frame = StripeFrame(
+            index=self.frame_count,
+            image=truth.image,
+            captured_ns=now_ns,
+            available_ns=now_ns + self.config.transfer_ns,
+            world_from_camera=self.scope.world_from_camera(),
+        )
+        self.frame_count += 1
+        captured = CapturedFrame(frame=frame, truth=truth)
+        self.first_captured = self.first_captured or captured
+        self.newest_captured = captured
+        self._in_transfer.append(captured)
+        if captured is not self.first_captured:
+            self._mark(captured)
+        with self.timer.measure("record"):
+            self.recorder.frame(
+                FrameRecord(now_ns=now_ns, frame=frame, exact_depth_mm=truth.depth_mm, object_id=truth.object_id)
+            )
+
+    def _deliver(self) -> list[ServedFrame]:
+        if self._server is None:
+            raise InvalidValueError("loop", "closed", "a loop that was reset")
+        now_ns = self.now_ns
+        while self._in_transfer and self._in_transfer[0].frame.available_ns <= now_ns:
+            self._server.submit(self._in_transfer.pop(0))
+        arrived = self._injector.depth_frames(self._server.poll(now_ns), self._markers, now_ns)
+        served: list[ServedFrame] = []
+        for one in arrived:
+            if self.newest_served is not None and one.depth.captured_ns <= self.newest_served.depth.captured_ns:
+                self._overtaken += 1
+                continue
+            served.append(one)
+            self.newest_served = one
+            self._markers = {index: pixel for index, pixel in self._markers.items() if index >= one.depth.index}
+            if self._server.last_compute_s is not None:
+                self.timer.add("perception", self._server.last_compute_s)
+            truth = one.captured.truth
+            with self.timer.measure("record"):
+                self.recorder.depth(
+                    DepthRecord(
+                        now_ns=now_ns,
+                        depth=one.depth,
+                        stripes=one.captured.frame.image,
+                        exact_depth_mm=truth.depth_mm,
+                        tissue=truth.object_id == ObjectId.TISSUE,
+                    )
+                )
+        return served
+
+    def _mark(self, captured: CapturedFrame | None) -> None:
+        """Remember where the target appears in a frame that was captured just now."""
+        if captured is not None and self._locate_target is not None:
+            place, point = self.theatre.world_from_camera(), self._locate_target()
+            self._markers[captured.frame.index] = visible_pixel(captured, point, place, self.rig.camera)

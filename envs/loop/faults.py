@@ -1,0 +1,175 @@
+"""What can go wrong with the sensors, at times of one's choosing: for tests, and for controllers that must bear it."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.envs.loop.perception_server import ServedFrame
+from laploop.envs.loop.proprioception import ProprioceptiveReading
+from laploop.errors import InvalidValueError, UnknownNameError, check_range
+from laploop.perception.messages import DepthEstimate
+
+Array = NDArray[np.float64]
+
+FaultKind = Literal[
+    "perception-stops",
+    "depth-jump",
+    "depth-invalid",
+    "late-frame",
+    "target-hidden",
+    "tissue-unreachable",
+    "force-saturates",
+    "controller-nan",
+]
+"""Names of the faults, in the order in which they are listed to users."""
+
+OUT_OF_REACH = "target out of reach: the shaft goes no deeper into its trocar"
+"""Why the tip is held back while the tissue cannot be reached."""
+
+_BRAKING_MPS2 = 0.5
+"""With which a shaft comes to rest at the end of its way; the arm's controller can twice that."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fault:
+    """One fault and when it lasts, in simulated time.
+
+    - `perception-stops`: no depth frame captured in this time arrives.
+    - `depth-jump`: the first depth frame captured in this time is `jump_m` too deep.
+    - `depth-invalid`: no pixel of the depth frames captured in this time is valid.
+    - `late-frame`: the first frame captured in this time arrives at its end, after newer ones.
+    - `target-hidden`: nothing is valid within `radius_px` of the target, and its marker is not seen.
+    - `tissue-unreachable`: the moved shaft goes at most `room_m` deeper into its trocar than it was at the begin of this time,
+      as at a stop, so that what lies deeper is out of reach.
+    - `force-saturates`: the force sensor reads `full_scale_n`.
+    - `controller-nan`: the action of every control tick is replaced by one that is not a number.
+    """
+
+    kind: FaultKind
+    start_s: float
+    end_s: float
+    jump_m: float = 0.02
+    radius_px: float = 60.0
+    room_m: float = 0.003
+    full_scale_n: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            UnknownNameError: If there is no such fault.
+            InvalidValueError: If a field lies outside its range.
+        """
+        if self.kind not in get_args(FaultKind):
+            raise UnknownNameError("fault", self.kind, get_args(FaultKind))
+        if not 0.0 <= self.start_s < self.end_s:
+            raise InvalidValueError("start_s and end_s", (self.start_s, self.end_s), "0 <= start_s < end_s")
+        check_range("jump_m", self.jump_m, -0.1, 0.1)
+        check_range("radius_px", self.radius_px, 1.0, 1e4)
+        check_range("room_m", self.room_m, 0.002, 0.3)
+        check_range("full_scale_n", self.full_scale_n, 0.01, 1e3)
+
+    def active(self, now_ns: int) -> bool:
+        """Say whether the fault lasts at a time."""
+        return self.start_s <= now_ns * 1e-9 < self.end_s
+
+
+class FaultInjector:
+    """Puts the faults of a schedule between the sensors and their consumers, for one episode."""
+
+    def __init__(self, faults: tuple[Fault, ...]) -> None:
+        """Begin an episode."""
+        self._faults = faults
+        self._jumped: set[Fault] = set()
+        self._held: dict[Fault, ServedFrame] = {}
+        self._stops: dict[Fault, float] = {}
+
+    def active(self, now_ns: int) -> tuple[str, ...]:
+        """Return the kinds of the faults that last at a time."""
+        return tuple(fault.kind for fault in self._faults if fault.active(now_ns))
+
+    def depth_frames(self, frames: list[ServedFrame], markers: dict[int, Array | None], now_ns: int) -> list[ServedFrame]:
+        """Return the depth frames that arrive now, in their order, given those that would without faults.
+
+        Args:
+            frames: What the perception stage delivers.
+            markers: Where the target appears in each frame, by the frame's index; taken away where it is hidden.
+            now_ns: Simulated time.
+        """
+        arriving = [changed for frame in frames if (changed := self._changed(frame, markers)) is not None]
+        for fault in [fault for fault in self._held if now_ns * 1e-9 >= fault.end_s]:
+            late = self._held.pop(fault)
+            arriving.append(replace(late, depth=replace(late.depth, available_ns=now_ns)))
+        return arriving
+
+    def reading(self, reading: ProprioceptiveReading, now_ns: int) -> ProprioceptiveReading:
+        """Return what the tool's own channels deliver now; a saturated sensor reads its full scale (upwards by default)."""
+        for fault in self._faults:
+            if fault.kind == "force-saturates" and fault.active(now_ns):
+                force = reading.contact_force_in_world
+                size = float(np.linalg.norm(force))
+                direction = force / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+                reading = replace(reading, contact_force_in_world=fault.full_scale_n * direction)
+        return reading
+
+    def action(self, action: Array, now_ns: int) -> Array:
+        """Return the action of a control tick."""
+        if "controller-nan" in self.active(now_ns):
+            return np.full_like(action, np.nan)
+        return action
+
+    def velocity(self, velocity: Array, axis: Array, insertion_m: float, period_s: float, now_ns: int) -> tuple[Array, str]:
+        """Return the velocity of the tip that is possible, (3,) m/s, and what holds the tip back; empty if nothing does.
+
+        Args:
+            velocity: What is asked for, (3,).
+            axis: (3,), unit, along the shaft from the trocar to the tip, in the same frame.
+            insertion_m: From the trocar to the tip.
+            period_s: For how long the velocity counts.
+            now_ns: Simulated time.
+        """
+        reason = ""
+        for fault in self._faults:
+            if fault.kind != "tissue-unreachable" or not fault.active(now_ns):
+                continue
+            left = max(self._stops.setdefault(fault, insertion_m + fault.room_m) - insertion_m, 0.0)
+            fastest = min(math.sqrt(2.0 * _BRAKING_MPS2 * left), 0.5 * left / period_s)
+            deeper = float(velocity @ axis)
+            if deeper > fastest:
+                velocity = velocity - (deeper - fastest) * axis
+                reason = OUT_OF_REACH
+        return velocity, reason
+
+    def _changed(self, frame: ServedFrame, markers: dict[int, Array | None]) -> ServedFrame | None:
+        depth = frame.depth
+        for fault in self._faults:
+            if not fault.active(depth.captured_ns):
+                continue
+            if fault.kind == "perception-stops":
+                return None
+            if fault.kind == "depth-jump" and fault not in self._jumped:
+                self._jumped.add(fault)
+                shifted = depth.estimate.depth_mm + np.float32(fault.jump_m * 1e3)
+                depth = replace(depth, estimate=DepthEstimate(depth_mm=shifted, valid=depth.estimate.valid))
+            if fault.kind == "depth-invalid":
+                depth = replace(depth, estimate=_without(depth.estimate, np.ones(depth.estimate.valid.shape, dtype=np.bool_)))
+            if fault.kind == "target-hidden" and (pixel := markers.get(depth.index)) is not None:
+                depth = replace(depth, estimate=_without(depth.estimate, _disc(depth.estimate, pixel, fault.radius_px)))
+                markers[depth.index] = None
+            if fault.kind == "late-frame" and fault not in self._jumped:
+                self._jumped.add(fault)
+                self._held[fault] = replace(frame, depth=depth)
+                return None
+        return replace(frame, depth=depth)
+
+
+def _without(estimate: DepthEstimate, hidden: NDArray[np.bool_]) -> DepthEstimate:
+    return DepthEstimate(depth_mm=estimate.depth_mm, valid=estimate.valid & ~hidden)
+
+
+def _disc(estimate: DepthEstimate, pixel: Array, radius_px: float) -> NDArray[np.bool_]:
+    rows, columns = np.indices(estimate.valid.shape)
+    return np.asarray(np.hypot(columns + 0.5 - pixel[0], rows + 0.5 - pixel[1]) < radius_px)

@@ -1,0 +1,97 @@
+"""What an arm's kinematics and the hand-eye calibration get wrong; off by default, drawn once from a seed."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.errors import check_range
+from laploop.perception.calibration.results import CameraCalibration
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DrawnErrors:
+    """One robot's errors. What is believed comes from encoders, drawings and calibration; the simulator knows the truth."""
+
+    joint_offsets_rad: Array
+    """(6,), true minus believed joint angles."""
+    tip_offset_m: Array
+    """(3,), true minus believed tip, in the frame of the shaft."""
+    camera_from_nominal: Array
+    """4x4, the believed camera frame seen from the true one."""
+
+    def true_joints(self, believed: Array) -> Array:
+        """Return the angles that joints have, (6,), where the robot believes them to be at `believed`."""
+        return np.asarray(believed + self.joint_offsets_rad)
+
+    def nominal_joints(self, true: Array) -> Array:
+        """Return what the encoders read, (6,)."""
+        return np.asarray(true - self.joint_offsets_rad)
+
+    def nominal_tip(self, tip: Array, world_from_shaft: Array) -> Array:
+        """Return where kinematics with exact joints put the tip, (3,), in the world."""
+        return np.asarray(tip - world_from_shaft[:3, :3] @ self.tip_offset_m)
+
+    def nominal_camera(self, world_from_camera: Array) -> Array:
+        """Return the believed pose of the camera, 4x4, in the world."""
+        return np.asarray(world_from_camera @ self.camera_from_nominal)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KinematicErrors:
+    """Standard deviations of normally distributed errors; zero leaves an error out."""
+
+    joint_rad: float = 0.0
+    """Of each joint's zero. 0.1 degrees at the wrist move a tip 300-400 mm past the flange by 0.5-0.7 mm."""
+    tip_m: float = 0.0
+    """Of the tip along each axis of the shaft's frame."""
+    hand_eye_m: float = 0.0
+    """Of the camera's position along each axis."""
+    hand_eye_rad: float = 0.0
+    """Of the camera's rotation about each axis."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If a field lies outside its range.
+        """
+        check_range("joint_rad", self.joint_rad, 0.0, 0.1)
+        check_range("tip_m", self.tip_m, 0.0, 0.02)
+        check_range("hand_eye_m", self.hand_eye_m, 0.0, 0.05)
+        check_range("hand_eye_rad", self.hand_eye_rad, 0.0, 0.2)
+
+    def with_calibration(self, calibration: CameraCalibration, distance_m: float) -> "KinematicErrors":
+        """Return the same with a hand-eye error of the size that a calibration's residual allows at a distance.
+
+        A residual of r pixels is an angle r / f, and a shift of that angle times the distance to the board. Averaging over
+        many corners makes random errors smaller, but not the systematic ones that a residual also holds: this is the
+        cautious end.
+
+        Raises:
+            InvalidValueError: If that is beyond what is allowed for an error.
+        """
+        angle = calibration.error_px / calibration.intrinsics.fx
+        return replace(self, hand_eye_rad=angle, hand_eye_m=angle * distance_m)
+
+    def draw(self, rng: np.random.Generator) -> DrawnErrors:
+        """Draw one robot; the number of draws does not depend on what is zero."""
+        joints, tip, shift, turn = (rng.standard_normal(size) for size in (6, 3, 3, 3))
+        camera_from_nominal = np.eye(4)
+        camera_from_nominal[:3, :3] = _rotation(self.hand_eye_rad * turn)
+        camera_from_nominal[:3, 3] = self.hand_eye_m * shift
+        return DrawnErrors(
+            joint_offsets_rad=self.joint_rad * joints, tip_offset_m=self.tip_m * tip, camera_from_nominal=camera_from_nominal
+        )
+
+
+def _rotation(vector: Array) -> Array:
+    """Return the rotation (3, 3) about a rotation vector, by Rodrigues' formula."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)

@@ -1,0 +1,104 @@
+"""The perception stage as a server with one worker, in simulated time."""
+
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+
+from laploop.envs.loop.latency import LatencyModel
+from laploop.envs.sensors.stripe_capture import StripeCapture
+from laploop.perception.estimators.base import DepthEstimator
+from laploop.perception.estimators.oracle import OracleEstimator
+from laploop.perception.messages import DepthEstimate, DepthFrame, StripeFrame
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CapturedFrame:
+    """A frame together with what only the simulator knows about it."""
+
+    frame: StripeFrame
+    truth: StripeCapture
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ServedFrame:
+    """A finished depth frame and the capture that it was made from."""
+
+    depth: DepthFrame
+    captured: CapturedFrame
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Job:
+    captured: CapturedFrame
+    done_ns: int
+    result: "Future[tuple[DepthEstimate, float]]"
+
+
+class PerceptionServer:
+    """Serves one frame at a time; a frame that comes while it is busy waits, and a newer one takes its place.
+
+    So throughput and latency are both real: with a service time above the camera period, frames are dropped. The estimate
+    itself is computed on a thread of its own while physics goes on, and awaited when it is due; what it says depends on the
+    image alone, so that wall-clock time never reaches the simulation.
+    """
+
+    def __init__(self, estimator: DepthEstimator, latency: LatencyModel, rng: np.random.Generator) -> None:
+        """Serve with the estimator; service times come from the latency model and the generator."""
+        self._estimator = estimator
+        self._latency = latency
+        self._rng = rng
+        self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix="perception")
+        self._job: _Job | None = None
+        self._waiting: CapturedFrame | None = None
+        self.dropped = 0
+        """Frames that were overtaken before their turn came."""
+        self.last_compute_s: float | None = None
+        """Wall-clock time that the estimator took for the frame delivered last."""
+        latency.reset()
+
+    def submit(self, captured: CapturedFrame) -> None:
+        """Hand over a frame at its `available_ns`; frames come in the order of time."""
+        if self._job is None:
+            self._start(captured, captured.frame.available_ns)
+            return
+        if self._waiting is not None:
+            self.dropped += 1
+        self._waiting = captured
+
+    def poll(self, now_ns: int) -> list[ServedFrame]:
+        """Return the depth frames that were finished since the last call, oldest first."""
+        finished: list[ServedFrame] = []
+        while self._job is not None and self._job.done_ns <= now_ns:
+            job = self._job
+            estimate, self.last_compute_s = job.result.result()
+            frame = job.captured.frame
+            depth = DepthFrame(
+                index=frame.index,
+                estimate=estimate,
+                captured_ns=frame.captured_ns,
+                available_ns=job.done_ns,
+                world_from_camera=frame.world_from_camera,
+            )
+            finished.append(ServedFrame(depth=depth, captured=job.captured))
+            self._job = None
+            if self._waiting is not None:
+                waiting, self._waiting = self._waiting, None
+                self._start(waiting, max(job.done_ns, waiting.frame.available_ns))
+        return finished
+
+    def close(self) -> None:
+        """Wait for the worker and end its thread."""
+        self._executor.shutdown(wait=True, cancel_futures=True)
+
+    def _start(self, captured: CapturedFrame, start_ns: int) -> None:
+        result = self._executor.submit(self._timed_estimate, captured)
+        self._job = _Job(captured=captured, done_ns=start_ns + self._latency.sample_ns(self._rng), result=result)
+
+    def _timed_estimate(self, captured: CapturedFrame) -> tuple[DepthEstimate, float]:
+        if isinstance(self._estimator, OracleEstimator):
+            self._estimator.see_truth(captured.truth.depth_mm)
+        begin = time.perf_counter()
+        estimate = self._estimator.estimate(captured.frame.image)
+        return estimate, time.perf_counter() - begin

@@ -1,0 +1,1 @@
+"""Recorders: Rerun, logs, and the protocol that both follow."""

@@ -1,0 +1,152 @@
+"""What an episode tells whoever listens: the records, the protocol of a recorder, and the recorders that need nothing.
+
+The arrays in a record belong to it: whoever makes one hands them over and does not write to them again, so that a recorder
+may keep them without a copy. `laploop.envs.recording.episode_log.EpisodeLog` keeps an episode in memory,
+`laploop.envs.recording.rerun_recorder.RerunRecorder` writes it to a Rerun file.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.perception.geometry import Rig
+from laploop.perception.messages import DepthFrame, StripeFrame
+
+if TYPE_CHECKING:
+    from laploop.envs.theatre.theatre import Theatre
+
+ARM_NAMES = ("camera", "tool")
+"""Keys of `TickRecord.rcm_error_mm` and `TickRecord.port_force_n`."""
+
+STAGES = ("physics", "render", "perception", "control", "record")
+"""Keys that `TickRecord.stage_ms` may have: wall time spent in a stage since the previous tick."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FrameRecord:
+    """The camera has just captured a frame; once a camera period."""
+
+    now_ns: int
+    frame: StripeFrame
+    exact_depth_mm: NDArray[np.float32]
+    """(height, width), true z-depth at the capture; NaN where the ray hits nothing."""
+    object_id: NDArray[np.uint8]
+    """(height, width), what each pixel sees, as the stripe camera numbers it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DepthRecord:
+    """A depth frame has become available to its consumers."""
+
+    now_ns: int
+    depth: DepthFrame
+    stripes: NDArray[np.uint8]
+    """(height, width), the image that `depth` was made from."""
+    exact_depth_mm: NDArray[np.float32]
+    """(height, width), the truth when that image was captured; NaN where the ray hits nothing."""
+    tissue: NDArray[np.bool_]
+    """(height, width), where that image shows tissue."""
+
+    def error_mm(self) -> NDArray[np.float32]:
+        """Estimated minus true depth, (height, width); NaN where the estimate is not valid or off the tissue."""
+        seen = self.depth.estimate.valid & self.tissue
+        return np.where(seen, self.depth.estimate.depth_mm - self.exact_depth_mm, np.float32(np.nan))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TickRecord:
+    """The state of the task at a control tick."""
+
+    now_ns: int
+    target_error_mm: float
+    """Distance from where the tip should be (touching the true target point) to where it is."""
+    target_in_world: NDArray[np.float64]
+    """(3,), metres: the true target point on the tissue now."""
+    rcm_error_mm: Mapping[str, float]
+    """Distance of each trocar from its shaft's axis by the simulator's state; keys are `ARM_NAMES`."""
+    contact_force_n: float
+    depth_age_ms: float | None
+    """Time since the capture of the newest frame that has arrived; None before the first."""
+    stage_ms: Mapping[str, float]
+    """Wall time of the stages that ran since the previous tick; a stage that did not run is absent."""
+    port_force_n: Mapping[str, float] = field(default_factory=dict)
+    """Lateral force of the wall around each trocar on its shaft; keys are `ARM_NAMES`, empty where there are no trocars."""
+
+
+class Recorder(Protocol):
+    """Listens to one episode: `begin`, then records in the order of time, then `close`."""
+
+    def begin(self, theatre: "Theatre", rig: Rig) -> None:
+        """Learn the scene. The theatre is at time 0 with fresh kinematics; it may be read at every later record."""
+        ...
+
+    def tick(self, record: TickRecord) -> None:
+        """Take a control tick."""
+        ...
+
+    def frame(self, record: FrameRecord) -> None:
+        """Take a captured frame; the theatre's kinematics are those of the capture."""
+        ...
+
+    def depth(self, record: DepthRecord) -> None:
+        """Take a depth frame that has just arrived."""
+        ...
+
+    def close(self) -> None:
+        """Finish an episode that ended as it should; harmless when called again. Not called when the episode failed."""
+        ...
+
+
+class NullRecorder:
+    """Records nothing."""
+
+    def begin(self, theatre: "Theatre", rig: Rig) -> None:
+        """Ignore the scene."""
+
+    def tick(self, record: TickRecord) -> None:
+        """Ignore a control tick."""
+
+    def frame(self, record: FrameRecord) -> None:
+        """Ignore a frame."""
+
+    def depth(self, record: DepthRecord) -> None:
+        """Ignore a depth frame."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class CompositeRecorder:
+    """Hands everything to several recorders, in their order."""
+
+    def __init__(self, recorders: Sequence[Recorder]) -> None:
+        """Keep the recorders."""
+        self._recorders = tuple(recorders)
+
+    def begin(self, theatre: "Theatre", rig: Rig) -> None:
+        """Begin all of them."""
+        for recorder in self._recorders:
+            recorder.begin(theatre, rig)
+
+    def tick(self, record: TickRecord) -> None:
+        """Pass a control tick on."""
+        for recorder in self._recorders:
+            recorder.tick(record)
+
+    def frame(self, record: FrameRecord) -> None:
+        """Pass a frame on."""
+        for recorder in self._recorders:
+            recorder.frame(record)
+
+    def depth(self, record: DepthRecord) -> None:
+        """Pass a depth frame on."""
+        for recorder in self._recorders:
+            recorder.depth(record)
+
+    def close(self) -> None:
+        """Close all of them."""
+        for recorder in self._recorders:
+            recorder.close()

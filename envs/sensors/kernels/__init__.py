@@ -1,0 +1,1 @@
+"""Warp kernels; the same code runs on CPU and CUDA."""

@@ -1,0 +1,290 @@
+"""Warp kernels of the stripe camera that turn geometry into electrons and grey values; the same code runs on CPU and CUDA.
+
+All of them are told where to begin (`first`), so that several threads can share an image.
+"""
+
+# mypy: ignore-errors
+# ruff: noqa: ANN201, ANN202, UP018
+# Kernels are written in Warp's language, whose types and casts are not Python's.
+
+import warp as wp
+
+from laploop.envs.sensors.kernels.ray_kernels import LINE_OF_SIGHT
+
+wp.set_module_options({"enable_backward": False})
+
+_LINE_OF_SIGHT = wp.constant(wp.uint8(LINE_OF_SIGHT))
+_INVERSE_PI = wp.constant(0.31830988618)
+_PI = wp.constant(3.14159265359)
+
+
+@wp.struct
+class Projection:
+    """The projector as the camera sees it, and its blur, for `shade`."""
+
+    rotation: wp.mat33
+    """p from c."""
+    offset: wp.vec3
+    half_height: float
+    """Half the lit field along y, tangent units."""
+    intensity_w_sr: float
+    led_exponent: float
+    stray_fraction: float
+    fixed_variance: float
+    defocus_slope: float
+    inverse_focus: float
+    table_start: float
+    table_step: float
+    table_sigma_step: float
+
+
+@wp.struct
+class Sensor:
+    """Lens and sensor, for `shade`."""
+
+    electrons_per_radiance: float
+    vignetting_exponent: float
+    full_well: float
+    read_variance: float
+    levels: float
+    """Largest grey value."""
+
+
+@wp.func
+def _look_up(table: wp.array2d(dtype=wp.float32), column: float, level: float):
+    """Interpolate the table linearly in both directions; outside of it its border goes on."""
+    x = wp.clamp(column, 0.0, float(table.shape[1]) - 1.001)
+    y = wp.clamp(level, 0.0, float(table.shape[0]) - 1.001)
+    i = int(x)
+    j = int(y)
+    fx = x - float(i)
+    low = table[j, i] + fx * (table[j, i + 1] - table[j, i])
+    high = table[j + 1, i] + fx * (table[j + 1, i + 1] - table[j + 1, i])
+    return low + (y - float(j)) * (high - low)
+
+
+@wp.func
+def _look_up_stack(stack: wp.array3d(dtype=wp.float32), column: float, row: float, level: float):
+    """Interpolate the stack linearly in its three directions; outside of it its border goes on."""
+    x = wp.clamp(column, 0.0, float(stack.shape[2]) - 1.001)
+    y = wp.clamp(row, 0.0, float(stack.shape[1]) - 1.001)
+    z = wp.clamp(level, 0.0, float(stack.shape[0]) - 1.001)
+    i = int(x)
+    j = int(y)
+    k = int(z)
+    fx = x - float(i)
+    fy = y - float(j)
+    near = float(0.0)
+    far = float(0.0)
+    for d in range(2):
+        low = stack[k + d, j, i] + fx * (stack[k + d, j, i + 1] - stack[k + d, j, i])
+        high = stack[k + d, j + 1, i] + fx * (stack[k + d, j + 1, i + 1] - stack[k + d, j + 1, i])
+        near = far
+        far = low + fy * (high - low)
+    return near + (z - float(k)) * (far - near)
+
+
+@wp.func
+def _field_edge(y: float, half: float, sigma: float):
+    """Transmission of the mask's lower and upper border, blurred; its left and right ones are in the table."""
+    inside = half - wp.abs(y)
+    if inside > 4.0 * sigma:
+        return 1.0
+    if inside < -4.0 * sigma:
+        return 0.0
+    return 0.5 * (1.0 + wp.erf(inside / (1.41421356 * wp.max(sigma, 1.0e-9))))
+
+
+@wp.func
+def _ggx(n: wp.vec3, light: wp.vec3, view: wp.vec3, reflectance: float, alpha: float):
+    """Specular reflectance distribution times the light's cosine, 1/sr (Walter et al. 2007, Smith's masking)."""
+    n_l = wp.max(wp.dot(n, light), 1.0e-3)
+    n_v = wp.max(wp.dot(n, view), 1.0e-3)
+    half = wp.normalize(light + view)
+    n_h = wp.dot(n, half)
+    a2 = alpha * alpha
+    q = n_h * n_h * (a2 - 1.0) + 1.0
+    distribution = a2 / (_PI * q * q)
+    visibility = 0.5 / (n_l * wp.sqrt(a2 + (1.0 - a2) * n_v * n_v) + n_v * wp.sqrt(a2 + (1.0 - a2) * n_l * n_l))
+    c = 1.0 - wp.dot(view, half)
+    fresnel = reflectance + (1.0 - reflectance) * c * c * c * c * c
+    return distribution * visibility * fresnel * n_l
+
+
+@wp.func
+def _blur(projection: Projection, point: wp.vec3, subsurface: float):
+    """Standard deviation of the mask's blur at a point, tangent units."""
+    in_projector = projection.rotation * point + projection.offset
+    inverse_z = 1.0 / in_projector[2]
+    defocus = projection.defocus_slope * (inverse_z - projection.inverse_focus)
+    spread = subsurface * inverse_z
+    return wp.sqrt(projection.fixed_variance + defocus * defocus + spread * spread)
+
+
+@wp.func
+def _expected_electrons(
+    ray: wp.vec3,
+    point: wp.vec3,
+    n: wp.vec3,
+    material: wp.vec4,
+    factor: float,
+    light: float,
+    projection: Projection,
+    sensor: Sensor,
+):
+    """Photo-electrons of a pixel that sees a point, which gets the share `light` of what a clear mask would let through."""
+    in_projector = projection.rotation * point + projection.offset
+    distance2 = wp.dot(in_projector, in_projector)
+    cosine_p = in_projector[2] / wp.sqrt(distance2)
+    if cosine_p <= 0.0:
+        return 0.0
+    to_light = -wp.normalize(wp.transpose(projection.rotation) * in_projector)
+    ray_length = wp.length(ray)
+    view = ray * (-1.0 / ray_length)
+    irradiance = projection.intensity_w_sr / distance2
+    if projection.led_exponent == 1.0:
+        irradiance *= cosine_p
+    else:
+        irradiance *= wp.pow(cosine_p, projection.led_exponent)
+    albedo = material[0] * factor
+    radiance = irradiance * projection.stray_fraction * albedo * _INVERSE_PI
+    n_l = wp.dot(n, to_light)
+    if light > 0.0 and n_l > 0.0:
+        scattered = albedo * _INVERSE_PI * n_l + _ggx(n, to_light, view, material[1], material[2])
+        radiance += irradiance * (1.0 - projection.stray_fraction) * light * scattered
+    vignetting = 1.0 / ray_length
+    if sensor.vignetting_exponent != 1.0:
+        vignetting = wp.pow(vignetting, sensor.vignetting_exponent)
+    return radiance * vignetting * sensor.electrons_per_radiance
+
+
+@wp.func
+def _grey(mean: float, noise: float, sensor: Sensor):
+    """Grey value of expected photo-electrons with standard normal noise."""
+    # A Poisson variable is all but normal at the counts that matter here; the read noise is normal.
+    charge = mean + wp.sqrt(mean + sensor.read_variance) * noise
+    grey = wp.floor(charge * (sensor.levels / sensor.full_well) + 0.5)
+    return wp.clamp(grey, 0.0, sensor.levels)
+
+
+@wp.kernel
+def shade(
+    first: int,
+    rays: wp.array(dtype=wp.vec2),
+    depth: wp.array(dtype=wp.float32),
+    normal_in_camera: wp.array(dtype=wp.vec3),
+    projector: wp.array(dtype=wp.vec2),
+    flags: wp.array(dtype=wp.uint8),
+    object_id: wp.array(dtype=wp.uint8),
+    factor: wp.array(dtype=wp.float32),
+    materials: wp.array(dtype=wp.vec4),
+    table: wp.array2d(dtype=wp.float32),
+    projection: Projection,
+    sensor: Sensor,
+    noise: wp.array(dtype=wp.float32),
+    electrons: wp.array(dtype=wp.float32),
+    image: wp.array(dtype=wp.uint16),
+):
+    """Turn geometry into expected photo-electrons, and those with standard normal `noise` into grey values."""
+    i = first + wp.tid()
+    mean = float(0.0)
+    if object_id[i] != wp.uint8(0):
+        ray = wp.vec3(rays[i][0], rays[i][1], 1.0)
+        point = depth[i] * ray
+        material = materials[int(object_id[i])]
+        light = float(0.0)
+        if (flags[i] & _LINE_OF_SIGHT) != wp.uint8(0):
+            sigma = _blur(projection, point, material[3])
+            tangent = projector[i]
+            column = (tangent[0] - projection.table_start) / projection.table_step
+            light = _look_up(table, column, sigma / projection.table_sigma_step)
+            light *= _field_edge(tangent[1], projection.half_height, sigma)
+        mean = _expected_electrons(ray, point, normal_in_camera[i], material, factor[i], light, projection, sensor)
+    electrons[i] = mean
+    image[i] = wp.uint16(_grey(mean, noise[i], sensor))
+
+
+@wp.kernel
+def shade_picture(
+    first: int,
+    rays: wp.array(dtype=wp.vec2),
+    depth: wp.array(dtype=wp.float32),
+    normal_in_camera: wp.array(dtype=wp.vec3),
+    projector: wp.array(dtype=wp.vec2),
+    flags: wp.array(dtype=wp.uint8),
+    object_id: wp.array(dtype=wp.uint8),
+    factor: wp.array(dtype=wp.float32),
+    materials: wp.array(dtype=wp.vec4),
+    stack: wp.array3d(dtype=wp.float32),
+    projection: Projection,
+    sensor: Sensor,
+    noise: wp.array(dtype=wp.float32),
+    electrons: wp.array(dtype=wp.float32),
+    image: wp.array(dtype=wp.uint16),
+):
+    """Do what `shade` does for a mask that varies along both axes; its borders are in the stack."""
+    i = first + wp.tid()
+    mean = float(0.0)
+    if object_id[i] != wp.uint8(0):
+        ray = wp.vec3(rays[i][0], rays[i][1], 1.0)
+        point = depth[i] * ray
+        material = materials[int(object_id[i])]
+        light = float(0.0)
+        if (flags[i] & _LINE_OF_SIGHT) != wp.uint8(0):
+            sigma = _blur(projection, point, material[3])
+            tangent = projector[i]
+            column = (tangent[0] - projection.table_start) / projection.table_step
+            row = (tangent[1] - projection.table_start) / projection.table_step
+            light = _look_up_stack(stack, column, row, sigma / projection.table_sigma_step)
+        mean = _expected_electrons(ray, point, normal_in_camera[i], material, factor[i], light, projection, sensor)
+    electrons[i] = mean
+    image[i] = wp.uint16(_grey(mean, noise[i], sensor))
+
+
+@wp.kernel
+def digitise(
+    first: int,
+    electrons: wp.array(dtype=wp.float32),
+    sensor: Sensor,
+    noise: wp.array(dtype=wp.float32),
+    image: wp.array(dtype=wp.uint16),
+):
+    """Turn expected photo-electrons with standard normal `noise` into grey values."""
+    i = first + wp.tid()
+    image[i] = wp.uint16(_grey(electrons[i], noise[i], sensor))
+
+
+@wp.kernel
+def spread(
+    first: int,
+    source: wp.array(dtype=wp.float32),
+    weights: wp.array(dtype=wp.float32),
+    width: int,
+    height: int,
+    across: int,
+    down: int,
+    target: wp.array(dtype=wp.float32),
+):
+    """Blur an image along x (`across` 1, `down` 0) or y (0, 1) with one half of a symmetric filter.
+
+    The image is mirrored at its borders, so that no electron gets lost there.
+    """
+    i = first + wp.tid()
+    x = i % width
+    y = i // width
+    total = weights[0] * source[i]
+    for k in range(1, weights.shape[0]):
+        for side in range(2):
+            d = k * (2 * side - 1)
+            u = x + across * d
+            v = y + down * d
+            if u < 0:
+                u = -1 - u
+            if u >= width:
+                u = 2 * width - 1 - u
+            if v < 0:
+                v = -1 - v
+            if v >= height:
+                v = 2 * height - 1 - v
+            total += weights[k] * source[v * width + u]
+    target[i] = total

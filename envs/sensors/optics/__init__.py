@@ -1,0 +1,1 @@
+"""Optical models of the stripe camera, as numbers and tables."""

@@ -1,0 +1,131 @@
+"""Named optical models of the stripe camera, and the ranges within which real ones differ."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from laploop.envs.sensors.optics.stripe_optics import STAGE, TISSUE, TOOL, Material, StripeOptics
+from laploop.errors import InvalidValueError, UnknownNameError
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpticsRanges:
+    """Ranges of light, surfaces, blur and sensor, each drawn from evenly unless it says otherwise.
+
+    Albedo of bowel serosa 0.3 to 0.5 with a margin, a water film's reflectance (index 1.33 to 1.38: 2.0 to 2.5 %), its
+    roughness 0.1 to 0.25 with a margin, read noise 2 to 8 electrons as of CMOS and older CCD sensors of this class.
+    """
+
+    light: Range = (0.5, 2.2)
+    """LED power times exposure relative to the nominal, evenly in its logarithm."""
+    tissue_albedo: Range = (0.28, 0.55)
+    tissue_roughness: Range = (0.10, 0.30)
+    tissue_reflectance: Range = (0.020, 0.030)
+    subsurface_fwhm_m: Range = (0.0006, 0.0015)
+    tool_albedo: Range = (0.08, 0.20)
+    tool_roughness: Range = (0.25, 0.50)
+    stage_albedo: Range = (0.06, 0.20)
+    stray_fraction: Range = (0.02, 0.10)
+    source_blur_tan: Range = (0.0080, 0.0100)
+    lens_blur_px: Range = (0.5, 1.0)
+    read_noise_electrons: Range = (2.0, 8.0)
+    full_well_electrons: Range = (8000.0, 14000.0)
+
+    def __post_init__(self) -> None:
+        """Check the light; the optics check the rest when they are drawn.
+
+        Raises:
+            InvalidValueError: If its range is empty or not positive.
+        """
+        if not 0.0 < self.light[0] <= self.light[1]:
+            raise InvalidValueError("light", self.light, "0 < low <= high")
+
+
+def _ideal() -> StripeOptics:
+    """Return optics in which hardly anything but geometry shapes the image.
+
+    Full well and light are 57 times those of a real sensor: the same grey values with an eighth of the shot noise.
+    """
+    gain = 57.0
+    nominal = StripeOptics()
+    return replace(
+        nominal,
+        led_power_w=gain * nominal.led_power_w,
+        full_well_electrons=gain * nominal.full_well_electrons,
+        read_noise_electrons=0.0,
+        source_blur_tan=0.001,
+        projector_aperture_m=0.0,
+        lens_blur_px=0.2,
+        stray_fraction=0.0,
+        tissue=Material(albedo=TISSUE.albedo, reflectance=0.0, roughness=1.0),
+        tool=replace(TOOL, reflectance=0.0),
+        stage=replace(STAGE, reflectance=0.0),
+    )
+
+
+def _worst() -> StripeOptics:
+    """Return optics at the pessimistic ends of what is known: half the light, a small noisy sensor, wet scattering tissue.
+
+    Its stray light puts the stripes' contrast on a matte target at the lower end of its uncertainty, 0.05 below that of
+    `paper`; more blur as well would put it beyond.
+    """
+    nominal, ranges = StripeOptics(), OpticsRanges()
+    return replace(
+        nominal,
+        led_power_w=ranges.light[0] * nominal.led_power_w,
+        full_well_electrons=6000.0,
+        read_noise_electrons=ranges.read_noise_electrons[1],
+        stray_fraction=0.09,
+        tissue=Material(albedo=0.3, reflectance=0.025, roughness=0.1, subsurface_fwhm_m=ranges.subsurface_fwhm_m[1]),
+    )
+
+
+PRESETS = {"ideal": _ideal(), "paper": StripeOptics(), "worst": _worst()}
+"""`paper` is the default everywhere: the laparoscope that the simulator follows, with the contrast measured on it."""
+
+
+def optics_preset(name: str) -> StripeOptics:
+    """Return the preset of that name.
+
+    Raises:
+        UnknownNameError: If there is none.
+    """
+    if name not in PRESETS:
+        raise UnknownNameError("optics preset", name, PRESETS)
+    return PRESETS[name]
+
+
+def randomised(optics: StripeOptics, rng: np.random.Generator, ranges: OpticsRanges | None = None) -> StripeOptics:
+    """Draw light, surfaces, blur and sensor anew; what has no range stays as it is in `optics`."""
+    ranges = ranges or OpticsRanges()
+    light = draw_light(rng, ranges)
+    return randomised_surfaces(replace(optics, led_power_w=optics.led_power_w * light), rng, ranges)
+
+
+def draw_light(rng: np.random.Generator, ranges: OpticsRanges) -> float:
+    """Draw LED power times exposure, relative to the nominal."""
+    return math.exp(rng.uniform(math.log(ranges.light[0]), math.log(ranges.light[1])))
+
+
+def randomised_surfaces(optics: StripeOptics, rng: np.random.Generator, ranges: OpticsRanges) -> StripeOptics:
+    """Draw all but the light; the order of the draws is fixed, for data sets are remade from their seeds."""
+    return replace(
+        optics,
+        stray_fraction=rng.uniform(*ranges.stray_fraction),
+        source_blur_tan=rng.uniform(*ranges.source_blur_tan),
+        lens_blur_px=rng.uniform(*ranges.lens_blur_px),
+        read_noise_electrons=rng.uniform(*ranges.read_noise_electrons),
+        full_well_electrons=rng.uniform(*ranges.full_well_electrons),
+        tissue=replace(
+            optics.tissue,
+            albedo=rng.uniform(*ranges.tissue_albedo),
+            reflectance=rng.uniform(*ranges.tissue_reflectance),
+            roughness=rng.uniform(*ranges.tissue_roughness),
+            subsurface_fwhm_m=rng.uniform(*ranges.subsurface_fwhm_m),
+        ),
+        tool=replace(optics.tool, albedo=rng.uniform(*ranges.tool_albedo), roughness=rng.uniform(*ranges.tool_roughness)),
+        stage=replace(optics.stage, albedo=rng.uniform(*ranges.stage_albedo)),
+    )

@@ -1,0 +1,213 @@
+"""The reference camera of the bench: a structured-light depth camera that looks at the phantom from the side."""
+
+import math
+from collections.abc import Collection
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from laploop.envs.sensors.reference.capture import ReferenceCapture
+from laploop.envs.sensors.reference.noise import ReferenceNoise
+from laploop.envs.sensors.reference.optics import ReferenceOptics
+from laploop.envs.sensors.reference.shading import ReferenceLight, light_of, srgb
+from laploop.envs.sensors.stripe_capture import ExactView
+from laploop.envs.sensors.tracing.ray_scene import RayScene, open_device
+from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
+from laploop.envs.sensors.tracing.strip_runner import StripRunner
+from laploop.envs.sensors.tracing.view_tracer import ViewTracer
+from laploop.errors import InvalidValueError
+from laploop.perception.geometry import Intrinsics
+
+Float32 = NDArray[np.float32]
+
+
+class ReferenceCamera:
+    """A Zivid 2+ M60: measures a point for each pixel that both its camera and its projector see.
+
+    One ray a pixel finds the surface, its way back to the projector the shadows; errors and gaps follow `ReferenceOptics`.
+    Buffers are allocated once; what is returned is the caller's own.
+    """
+
+    def __init__(self, optics: ReferenceOptics | None = None, device: str = "cpu", threads: int | None = None) -> None:
+        """Prepare the buffers and compile the kernels; `attach` a scene before the first capture.
+
+        Args:
+            optics: Geometry and errors; the nominal ones, at 2x2 sampling, by default.
+            device: A Warp device: "cpu", "cuda", "cuda:0", ...
+            threads: How many threads share an image on the CPU; by default two where there are two cores.
+
+        Raises:
+            InvalidValueError: If the device or the number of threads is impossible.
+        """
+        self.optics = optics or ReferenceOptics()
+        self.noise = ReferenceNoise(self.optics)
+        self._device = open_device(device)
+        self._runner = StripRunner(self._device, threads)
+        self._tracer = ViewTracer(self.optics.rig, self._device, self._runner)
+        self._scene: RayScene | None = None
+        self._rays: Float32 = self.intrinsics.rays.reshape(-1, 3).astype(np.float32)
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Of the camera at its sampling."""
+        return self.optics.intrinsics
+
+    def attach(
+        self, model: mujoco.MjModel, *, groups: Collection[int] = (1,), rng: np.random.Generator | None = None
+    ) -> SceneGeometry:
+        """Look at the given geom and flex groups of a model from now on; see `SceneGeometry.from_model`.
+
+        The default leaves arms and abdominal wall out, as on a bench.
+        """
+        geometry = SceneGeometry.from_model(model, groups=groups, rng=rng)
+        self.attach_geometry(geometry)
+        return geometry
+
+    def attach_geometry(self, geometry: SceneGeometry) -> None:
+        """Look at a scene of triangles from now on."""
+        self._scene = RayScene(geometry, self._device)
+        self._tracer.attach(self._scene)
+
+    def capture(
+        self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64], rng: np.random.Generator | None
+    ) -> ReferenceCapture:
+        """Measure the scene as it is now.
+
+        Args:
+            data: State of the attached model, its kinematics current; None leaves the scene's points where they are.
+            world_from_camera: 4x4, computer-vision camera. The projector follows from the optics.
+            rng: Source of the noise of points, normals and picture; None leaves it out, but not the camera's scale and bend.
+
+        Raises:
+            InvalidValueError: If no scene is attached or the pose is not a rigid transform.
+        """
+        view = self.exact(data, world_from_camera)
+        optics = self.optics
+        hit = np.flatnonzero(view.object_id)
+        z_m = view.depth_mm.ravel()[hit] * np.float32(1e-3)
+        lit = self._in_field(view).ravel()[hit]
+        normals = view.normals.reshape(-1, 3)[hit]
+        factor: Float32 = self._tracer.albedo_factor.numpy()[hit]
+        light = light_of(self._rays[hit] * z_m[:, None], normals, lit, view.object_id.ravel()[hit], factor, optics)
+        relative_snr = np.sqrt(light.matte)
+        found = (z_m >= optics.near_m) & (z_m <= optics.far_m)
+        if optics.needs_projector:
+            found &= lit & (relative_snr >= optics.snr_min / optics.snr_reference)
+        if optics.saturated_is_missing:
+            found &= light.total < optics.saturation_ratio
+        kept = hit[found]
+        z, unit_normals = self._measure(
+            kept, view.depth_mm.ravel()[kept], normals[found], relative_snr[found], light.view_cosine[found], rng
+        )
+        shape = view.depth_mm.shape
+        return ReferenceCapture(
+            xyz=_scatter(self._rays[kept] * z[:, None], kept, (*shape, 3)),
+            z=_scatter(z, kept, shape),
+            rgba=self._picture(light, hit, rng),
+            normals=_scatter(unit_normals, kept, (*shape, 3)),
+            snr=_scatter(relative_snr[found] * np.float32(optics.snr_reference), kept, shape),
+        )
+
+    def exact(self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64]) -> ExactView:
+        """Return only what geometry says, without errors, range or signal; arguments and errors as for `capture`.
+
+        `lit` is True inside the square around the projector's field, which is a little higher than the field itself.
+        """
+        if self._scene is None:
+            raise InvalidValueError("scene", None, "a scene that was attached before the first capture")
+        self._tracer.place(world_from_camera)
+        if data is not None:
+            self._scene.geometry.update(data)
+        self._scene.update()
+        self._tracer.find_surfaces()
+        self._runner.run(self._tracer.trace)
+        return self._tracer.read()
+
+    def _in_field(self, view: ExactView) -> NDArray[np.bool_]:
+        """Tell where the projector's light arrives, (height, width)."""
+        optics = self.optics
+        inside = np.abs(view.projector_x) <= optics.projector_half_width_tan
+        inside &= np.abs(view.projector_y) <= optics.projector_half_height_tan
+        return inside & view.lit
+
+    def _measure(
+        self,
+        pixels: NDArray[np.intp],
+        z_mm: Float32,
+        normals: Float32,
+        relative_snr: Float32,
+        cosine: Float32,
+        rng: np.random.Generator | None,
+    ) -> tuple[Float32, Float32]:
+        """Add the camera's errors to the depth (n,) and the normals (n, 3) of some pixels."""
+        noise = self.noise
+        z = z_mm * np.float32(1.0 + noise.scale) + noise.bend_mm.ravel()[pixels]
+        if rng is None or self.optics.point_noise_mm == 0.0:
+            return z, normals
+        sigma = noise.sigma_mm(z_mm, relative_snr, cosine)
+        z += sigma * rng.standard_normal(len(pixels), dtype=np.float32)
+        # A step along the normal only changes its length, so that three numbers are as good as two across it.
+        step = noise.normal_sigma_rad(z_mm, sigma)[:, None] * rng.standard_normal((len(pixels), 3), dtype=np.float32)
+        turned = normals + step
+        return z, turned / np.linalg.norm(turned, axis=1, keepdims=True)
+
+    def _picture(self, light: ReferenceLight, hit: NDArray[np.intp], rng: np.random.Generator | None) -> NDArray[np.uint8]:
+        """Make the colour picture, (height, width, 4)."""
+        optics, camera = self.optics, self.intrinsics
+        linear = np.zeros((camera.height, camera.width, 3), dtype=np.float32)
+        linear.reshape(-1, 3)[hit] = np.minimum(light.colour(optics.saturation_ratio), 1.0)
+        blur = optics.lens_blur_px / optics.step
+        if blur > 0.0:
+            linear = ndimage.gaussian_filter(linear, sigma=(blur, blur, 0.0), mode="nearest", truncate=3.0)
+        encoded = srgb(linear)
+        if rng is not None and optics.colour_noise > 0.0:
+            encoded += np.float32(optics.colour_noise) * rng.standard_normal(encoded.shape, dtype=np.float32)
+        rgba = np.full((camera.height, camera.width, 4), 255, dtype=np.uint8)
+        rgba[..., :3] = np.clip(encoded * np.float32(255.0) + np.float32(0.5), 0.0, 255.0).astype(np.uint8)
+        return rgba
+
+
+def lateral_mount(
+    target_in_world: ArrayLike,
+    *,
+    distance_m: float = 0.6,
+    azimuth_rad: float = -0.5 * math.pi,
+    elevation_rad: float = math.radians(55.0),
+) -> NDArray[np.float64]:
+    """Return the pose `world_from_camera`, 4x4, of a camera beside the phantom that looks at it, its x axis level.
+
+    By default it stands on the world's -y side, between the two arms, and low enough to look past the scope: a shaft straight
+    above the target that ends 90 mm from it only hides what lies more than 55 mm behind the target.
+
+    Args:
+        target_in_world: The point (3,) it looks at: the middle of the phantom's surface.
+        distance_m: From the target.
+        azimuth_rad: Of the camera as seen from the target, from the world's x towards its y.
+        elevation_rad: Of the camera as seen from the target, above the horizontal.
+
+    Raises:
+        InvalidValueError: If the target is not a point, or a number lies outside its range.
+    """
+    target = np.asarray(target_in_world, dtype=np.float64)
+    if target.shape != (3,) or not np.isfinite(target).all():
+        raise InvalidValueError("target_in_world", target_in_world, "three finite coordinates")
+    if not 0.05 <= distance_m <= 5.0:
+        raise InvalidValueError("distance_m", distance_m, "0.05 to 5")
+    if not 0.0 <= elevation_rad <= math.radians(85.0):
+        raise InvalidValueError("elevation_rad", elevation_rad, "0 to 1.48 (85 degrees)")
+    level = np.array([math.cos(azimuth_rad), math.sin(azimuth_rad), 0.0])
+    outwards = math.cos(elevation_rad) * level + np.array([0.0, 0.0, math.sin(elevation_rad)])
+    right = np.cross([0.0, 0.0, 1.0], level)
+    world_from_camera = np.eye(4)
+    world_from_camera[:3, :3] = np.column_stack([right, np.cross(-outwards, right), -outwards])
+    world_from_camera[:3, 3] = target + distance_m * outwards
+    return world_from_camera
+
+
+def _scatter(values: Float32, pixels: NDArray[np.intp], shape: tuple[int, ...]) -> Float32:
+    """Put values (n, ...) at their pixels of an image of NaN."""
+    image = np.full(shape, np.nan, dtype=np.float32)
+    image.reshape(-1, *values.shape[1:])[pixels] = values
+    return image

@@ -1,0 +1,1 @@
+"""Scenes as triangles, and the rays that walk through them."""

@@ -1,0 +1,255 @@
+"""What a ray can hit: the visible surfaces of a MuJoCo model, or plain triangles."""
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from laploop.envs.sensors.object_id import ObjectId, object_id_of_geom
+from laploop.envs.sensors.optics.tissue_appearance import TissueAppearance, appearance_factor
+from laploop.envs.sensors.tracing import primitives
+from laploop.errors import InvalidValueError
+
+_TEXTURE_SHORTEST_M = 0.008
+_TEXTURE_LONGEST_M = 0.05
+_TEXTURE_WAVES = 32
+_TEXTURE_STD = 0.12
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _RigidPart:
+    geom: int
+    rows: slice
+    points_in_geom: NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _FlexPart:
+    vertices: NDArray[np.intp]
+    rows: slice
+
+
+_PRIMITIVES: dict[mujoco.mjtGeom, tuple[Callable[..., primitives.Surface], int]] = {
+    mujoco.mjtGeom.mjGEOM_SPHERE: (primitives.sphere, 1),
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: (primitives.ellipsoid, 3),
+    mujoco.mjtGeom.mjGEOM_CAPSULE: (primitives.capsule, 2),
+    mujoco.mjtGeom.mjGEOM_CYLINDER: (primitives.cylinder, 2),
+    mujoco.mjtGeom.mjGEOM_BOX: (primitives.box, 3),
+    mujoco.mjtGeom.mjGEOM_PLANE: (primitives.plane, 2),
+}
+"""What makes a geom's triangles, and how many of its sizes that takes."""
+
+
+class SceneGeometry:
+    """Triangles with an object class and vertices with an albedo; points move, everything else stays.
+
+    Attributes:
+        points: (n, 3) float32, world frame, metres.
+        triangles: (m, 3) int32 rows of `points`; vertices are shared where the surface is to look smooth.
+        object_ids: (m,) uint8, an `ObjectId` a triangle.
+        albedo_factor: (n,) float32, multiplies the albedo of the object's material at each vertex; it sticks to the material.
+        parts: (m,) int32, the connected object that a triangle belongs to.
+    """
+
+    def __init__(
+        self,
+        *,
+        points: NDArray[np.floating],
+        triangles: NDArray[np.integer],
+        object_ids: NDArray[np.integer] | int,
+        albedo_factor: NDArray[np.floating] | float = 1.0,
+        parts: NDArray[np.integer] | int = 0,
+    ) -> None:
+        """Take plain arrays; a single object id, factor or part stands for all.
+
+        Raises:
+            InvalidValueError: If shapes, indices, object ids or numbers do not make a scene.
+        """
+        self.points = np.array(points, dtype=np.float32)
+        self.triangles = np.array(triangles, dtype=np.int32)
+        if self.points.ndim != 2 or self.points.shape[1] != 3 or len(self.points) == 0:
+            raise InvalidValueError("shape of points", self.points.shape, "(n, 3) with n at least 1")
+        if self.triangles.ndim != 2 or self.triangles.shape[1] != 3 or len(self.triangles) == 0:
+            raise InvalidValueError("shape of triangles", self.triangles.shape, "(m, 3) with m at least 1")
+        if self.triangles.min() < 0 or self.triangles.max() >= len(self.points):
+            raise InvalidValueError(
+                "triangles", (int(self.triangles.min()), int(self.triangles.max())), f"0 to {len(self.points) - 1}"
+            )
+        if not np.isfinite(self.points).all():
+            raise InvalidValueError("points", "an array with NaN or infinity", "finite metres")
+        count = len(self.triangles)
+        self.object_ids: NDArray[np.uint8] = _spread("object_ids", object_ids, count).astype(np.uint8)
+        allowed = [int(i) for i in ObjectId if i is not ObjectId.BACKGROUND]
+        if not np.isin(self.object_ids, allowed).all():
+            raise InvalidValueError("object_ids", sorted({int(i) for i in self.object_ids}), f"from {allowed}")
+        self.albedo_factor: NDArray[np.float32] = _spread("albedo_factor", albedo_factor, len(self.points)).astype(np.float32)
+        if not ((self.albedo_factor >= 0.0) & np.isfinite(self.albedo_factor)).all():
+            raise InvalidValueError("albedo_factor", "an array with negative or non-finite numbers", "numbers from 0 on")
+        self.parts: NDArray[np.int32] = _spread("parts", parts, count).astype(np.int32)
+        self._rigid: list[_RigidPart] = []
+        self._flex: list[_FlexPart] = []
+
+    @classmethod
+    def from_model(
+        cls,
+        model: mujoco.MjModel,
+        *,
+        groups: Collection[int] = (1,),
+        rng: np.random.Generator | None = None,
+        appearance: TissueAppearance | None = None,
+    ) -> "SceneGeometry":
+        """Collect the geoms and flexes of the given groups; call `update` before the first image.
+
+        Geoms become tool, stage or other by the prefix of their names, flexes tissue. Fully transparent geoms are left out.
+
+        Args:
+            model: The compiled model.
+            groups: Geom and flex groups that the camera sees.
+            rng: Source of the tissue's texture, a smooth variation of its albedo; without it the tissue is uniform.
+            appearance: Patches and detail on top of that texture; none by default.
+
+        Raises:
+            InvalidValueError: If nothing is visible, a visible geom has a type without a surface, or there is an appearance but
+                nothing to draw it from.
+        """
+        if appearance is not None and rng is None:
+            raise InvalidValueError("rng", None, "a generator, to draw the tissue's appearance from")
+        surfaces: list[primitives.Surface] = []
+        ids: list[ObjectId] = []
+        rigid: list[_RigidPart] = []
+        flex: list[_FlexPart] = []
+        factors: list[NDArray[np.float32]] = []
+        start = 0
+        for index in np.flatnonzero(np.isin(model.flex_group, list(groups))):
+            vertices, triangles = _flex_surface(model, int(index))
+            rest = _flex_rest_points(model, vertices)
+            surfaces.append((rest, triangles))
+            ids.append(ObjectId.TISSUE)
+            flex.append(_FlexPart(vertices=vertices, rows=slice(start, start + len(vertices))))
+            factor = np.ones(len(vertices), dtype=np.float32) if rng is None else tissue_texture(rest, rng)
+            if appearance is not None and rng is not None and not appearance.is_plain:
+                factor *= appearance_factor(rest, appearance, rng)
+            factors.append(factor)
+            start += len(vertices)
+        visible = np.isin(model.geom_group, list(groups)) & (_geom_opacity(model) > 0.0)
+        for index in np.flatnonzero(visible):
+            surface = _geom_surface(model, int(index))
+            surfaces.append(surface)
+            ids.append(object_id_of_geom(model.geom(index).name))
+            rigid.append(_RigidPart(geom=int(index), rows=slice(start, start + len(surface[0])), points_in_geom=surface[0]))
+            factors.append(np.ones(len(surface[0]), dtype=np.float32))
+            start += len(surface[0])
+        if not surfaces:
+            raise InvalidValueError("groups", tuple(groups), "groups that hold at least one geom or flex")
+        points, triangles = primitives.join(surfaces)
+        counts = [len(t) for _, t in surfaces]
+        scene = cls(
+            points=points,
+            triangles=triangles,
+            object_ids=np.repeat([int(i) for i in ids], counts),
+            albedo_factor=np.concatenate(factors),
+            parts=np.repeat(np.arange(len(surfaces)), counts),
+        )
+        scene._rigid, scene._flex = rigid, flex
+        return scene
+
+    def update(self, data: mujoco.MjData) -> None:
+        """Move the points to where the model's bodies and flexes are; make the kinematics current first."""
+        for part in self._flex:
+            self.points[part.rows] = data.flexvert_xpos[part.vertices]
+        for part_ in self._rigid:
+            rotation = data.geom_xmat[part_.geom].reshape(3, 3)
+            self.points[part_.rows] = part_.points_in_geom @ rotation.T + data.geom_xpos[part_.geom]
+
+    def move(self, points: NDArray[np.floating]) -> None:
+        """Replace all points of a scene of plain arrays.
+
+        Raises:
+            InvalidValueError: If the shape differs from that of the points it was made with.
+        """
+        if points.shape != self.points.shape:
+            raise InvalidValueError("shape of points", points.shape, f"{self.points.shape}")
+        self.points[:] = points
+
+    def corners_around_vertices(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """List for each vertex where it occurs in `triangles.ravel()`: `order[offsets[i] : offsets[i + 1]]` for vertex i."""
+        corners = self.triangles.ravel()
+        order = np.argsort(corners, kind="stable").astype(np.int32)
+        offsets = np.zeros(len(self.points) + 1, dtype=np.int32)
+        np.cumsum(np.bincount(corners, minlength=len(self.points)), out=offsets[1:])
+        return offsets, order
+
+
+def tissue_texture(points_at_rest: NDArray[np.floating], rng: np.random.Generator) -> NDArray[np.float32]:
+    """Make a smooth, seeded albedo factor around 1 for points of a tissue, (n, 3) in metres.
+
+    A sum of plane waves with random directions, phases and wavelengths from 8 to 50 mm, longer ones stronger.
+    """
+    direction = rng.standard_normal((_TEXTURE_WAVES, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    wavelength = np.exp(rng.uniform(np.log(_TEXTURE_SHORTEST_M), np.log(_TEXTURE_LONGEST_M), _TEXTURE_WAVES))
+    phase = rng.uniform(0.0, 2.0 * np.pi, _TEXTURE_WAVES)
+    weight = np.sqrt(wavelength / np.sum(wavelength) * 2.0) * _TEXTURE_STD
+    waves = np.cos(2.0 * np.pi * points_at_rest @ (direction / wavelength[:, None]).T + phase)
+    factor: NDArray[np.float64] = np.clip(1.0 + waves @ weight, 0.5, 1.5)
+    return factor.astype(np.float32)
+
+
+def _spread(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
+    """Return `values` as an array of `count` entries, a single number for all of them."""
+    array = np.asarray(values)
+    if array.ndim == 0:
+        array = np.full(count, array)
+    if array.shape != (count,):
+        raise InvalidValueError(f"shape of {name}", array.shape, f"({count},)")
+    return array
+
+
+def _flex_surface(model: mujoco.MjModel, flex: int) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
+    """Return the rows of `flexvert_xpos` on the surface of a flex, and its triangles as rows of those."""
+    dim = int(model.flex_dim[flex])
+    if dim == 3:
+        start, count = int(model.flex_shelldataadr[flex]), int(model.flex_shellnum[flex])
+        corners = model.flex_shell[start : start + 3 * count]
+    elif dim == 2:
+        start, count = int(model.flex_elemdataadr[flex]), int(model.flex_elemnum[flex])
+        corners = model.flex_elem[start : start + 3 * count]
+    else:
+        raise InvalidValueError(f"dimension of flex {flex}", dim, "2 or 3; a line has no surface")
+    vertices, triangles = np.unique(corners, return_inverse=True)
+    return vertices.astype(np.intp) + int(model.flex_vertadr[flex]), triangles.reshape(-1, 3).astype(np.int32)
+
+
+def _flex_rest_points(model: mujoco.MjModel, vertices: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Return where the vertices of a flex are in the model's reference pose."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_flex(model, data)
+    return np.array(data.flexvert_xpos[vertices])
+
+
+def _geom_opacity(model: mujoco.MjModel) -> NDArray[np.float64]:
+    """Return the alpha of each geom, its material's where it has one."""
+    alpha = np.array(model.geom_rgba[:, 3], dtype=np.float64)
+    with_material = model.geom_matid >= 0
+    alpha[with_material] = model.mat_rgba[model.geom_matid[with_material], 3]
+    return alpha
+
+
+def _geom_surface(model: mujoco.MjModel, geom: int) -> primitives.Surface:
+    """Return the triangles of a geom in its own frame."""
+    kind = mujoco.mjtGeom(int(model.geom_type[geom]))
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        mesh = int(model.geom_dataid[geom])
+        points = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+        triangles = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+        return primitives.facets(points.astype(np.float64), triangles)
+    if kind not in _PRIMITIVES:
+        name = model.geom(geom).name or f"number {geom}"
+        allowed = ", ".join(sorted(k.name for k in (*_PRIMITIVES, mujoco.mjtGeom.mjGEOM_MESH)))
+        raise InvalidValueError(f"type of geom {name}", kind.name, allowed)
+    make, sizes = _PRIMITIVES[kind]
+    return make(*(float(size) for size in model.geom_size[geom][:sizes]))

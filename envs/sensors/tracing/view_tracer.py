@@ -1,0 +1,172 @@
+"""Exact geometry of what a camera sees and a projector reaches."""
+
+import math
+from typing import Any
+
+import numpy as np
+import warp as wp
+from numpy.typing import NDArray
+
+from laploop.envs.sensors.kernels import ray_kernels, zbuffer_kernels
+from laploop.envs.sensors.stripe_capture import ExactView
+from laploop.envs.sensors.tracing.ray_scene import RayScene
+from laploop.envs.sensors.tracing.strip_runner import StripRunner
+from laploop.errors import InvalidValueError
+from laploop.perception.geometry import Rig
+
+_NOTHING = 2**64 - 1
+_PROJECTOR_MARGIN_TAN = 0.08
+"""How far the projector's depth map reaches beyond the mask, so that its blurred border is covered too."""
+
+
+class ViewTracer:
+    """Device buffers and recorded launches that follow each pixel's ray to the surface, and its light back to the projector.
+
+    Attributes:
+        depth, normals, projector, flags, object_id, albedo_factor: Device arrays, an entry a pixel, for further ray_kernels.
+        rays: Device array, tangent coordinates of the rays.
+    """
+
+    def __init__(self, rig: Rig, device: Any, runner: StripRunner) -> None:
+        """Allocate the buffers."""
+        camera = rig.camera
+        self._rig = rig
+        self._device = device
+        self._runner = runner
+        self._shape = (camera.height, camera.width)
+        count = camera.height * camera.width
+        directions = camera.rays[..., :2].reshape(-1, 2).astype(np.float32)
+        self.rays: Any = wp.array(directions, dtype=wp.vec2, device=device)
+        self._pose: Any = wp.zeros(5, dtype=wp.vec3, device=device)
+        self._camera_view = _view(self._shape, (camera.fx, camera.fy), (camera.cx, camera.cy))
+        half = math.ceil((rig.mask.half_width_tan + _PROJECTOR_MARGIN_TAN) * camera.fx)
+        self._projector_view = _view((2 * half, 2 * half), (camera.fx, camera.fx), (half, half))
+        self._camera_keys: Any = wp.zeros(count, dtype=wp.uint64, device=device)
+        self._projector_keys: Any = wp.zeros(4 * half * half, dtype=wp.uint64, device=device)
+        self.depth: Any = wp.zeros(count, dtype=wp.float32, device=device)
+        self.normals: Any = wp.zeros(count, dtype=wp.vec3, device=device)
+        self.projector: Any = wp.zeros(count, dtype=wp.vec2, device=device)
+        self.flags: Any = wp.zeros(count, dtype=wp.uint8, device=device)
+        self.object_id: Any = wp.zeros(count, dtype=wp.uint8, device=device)
+        self.albedo_factor: Any = wp.zeros(count, dtype=wp.float32, device=device)
+        self._pinhole = True
+        self._walk: list[Any] = []
+        self._to_views: list[Any] = []
+        self._rasterise: list[list[Any]] = []
+        self.trace: list[Any] = []
+        """Recorded launches, one a strip of `StripRunner.pixel_strips`; run them after `find_surfaces`."""
+
+    def set_rays(self, rays: NDArray[np.float64]) -> None:
+        """Follow other rays, (height, width, 3) with z = 1, than those of the rig's pinhole, as those of a lens that distorts.
+
+        The camera's surfaces are then searched for in the scene's tree, about ten times slower than for a pinhole.
+        """
+        self._pinhole = rays is self._rig.camera.rays
+        self.rays.assign(rays[..., :2].reshape(-1, 2).astype(np.float32))
+
+    def attach(self, scene: RayScene) -> None:
+        """Look at a scene from now on."""
+        device, rig = self._device, self._rig
+        count = len(scene.points)
+        in_camera = wp.zeros(count, dtype=wp.vec3, device=device)
+        on_camera = wp.zeros(count, dtype=wp.vec2, device=device)
+        in_projector = wp.zeros(count, dtype=wp.vec3, device=device)
+        on_projector = wp.zeros(count, dtype=wp.vec2, device=device)
+        projector_from_camera = rig.projector_from_camera
+        rotation = wp.mat33(*projector_from_camera[:3, :3].ravel())
+        offset = wp.vec3(*projector_from_camera[:3, 3])
+        self._to_views = [
+            wp.launch(
+                zbuffer_kernels.to_views,
+                dim=count,
+                inputs=[scene.points, self._pose, rotation, offset, self._camera_view, self._projector_view],
+                outputs=[in_camera, on_camera, in_projector, on_projector],
+                device=device,
+                record_cmd=True,
+            )
+        ]
+        self._rasterise = [
+            self._record_rasterise(self._camera_view, in_camera, on_camera, scene.corners, self._camera_keys),
+            self._record_rasterise(self._projector_view, in_projector, on_projector, scene.corners, self._projector_keys),
+        ]
+        inputs = [scene.mesh.id, self._pose, self.rays, in_camera, scene.corners]
+        self._walk = self.record(ray_kernels.trace_keys, inputs, [self._camera_keys])
+        half_field = wp.vec2(rig.mask.half_width_tan, rig.mask.half_width_tan)
+        inputs = [scene.mesh.id, self._pose, self.rays, self._camera_keys, self._projector_keys, self._projector_view]
+        inputs += [in_camera, scene.corners, scene.object_ids, scene.normals, scene.albedo_factor]
+        inputs += [rotation, offset, half_field]
+        outputs = [self.depth, self.normals, self.projector, self.flags, self.object_id, self.albedo_factor]
+        self.trace = self.record(ray_kernels.trace, inputs, outputs)
+
+    def record(self, kernel: Any, inputs: list[Any], outputs: list[Any]) -> list[Any]:
+        """Record a launch of a kernel over pixels for each strip; its first argument is the strip's first pixel."""
+        return [
+            wp.launch(kernel, dim=size, inputs=[first, *inputs], outputs=outputs, device=self._device, record_cmd=True)
+            for first, size in self._runner.pixel_strips(self._shape[0] * self._shape[1])
+        ]
+
+    def place(self, world_from_camera: NDArray[np.float64]) -> None:
+        """Move the camera, and with it the projector.
+
+        Raises:
+            InvalidValueError: If the pose is not a rigid 4x4 transform.
+        """
+        pose = np.asarray(world_from_camera, dtype=np.float64)
+        rotation = pose[:3, :3]
+        # Products of a few float64 rotations are orthogonal to far better than 1e-6; scales and typing errors are not.
+        if pose.shape != (4, 4) or not (np.abs(rotation @ rotation.T - np.eye(3)) < 1e-6).all() or not np.isfinite(pose).all():
+            raise InvalidValueError("world_from_camera", world_from_camera, "a rigid 4x4 transform")
+        projector_from_camera = self._rig.projector_from_camera
+        projector_in_camera = -projector_from_camera[:3, :3].T @ projector_from_camera[:3, 3]
+        rows = np.vstack([pose[:3, 3], rotation.T, rotation @ projector_in_camera + pose[:3, 3]])
+        self._pose.assign(rows.astype(np.float32))
+
+    def find_surfaces(self) -> None:
+        """Find the triangles behind the pixels of the camera and of the projector's depth map."""
+        self._camera_keys.fill_(_NOTHING)
+        self._projector_keys.fill_(_NOTHING)
+        for launch in self._to_views:
+            launch.launch()
+        if self._pinhole:
+            self._runner.run(*self._rasterise)
+        else:
+            self._runner.run(self._rasterise[1])
+            self._runner.run(self._walk)
+
+    def read(self) -> ExactView:
+        """Copy the results to numpy."""
+        projector = self.projector.numpy().reshape(*self._shape, 2)
+        both = ray_kernels.LINE_OF_SIGHT | ray_kernels.INSIDE_FIELD
+        return ExactView(
+            depth_mm=self.depth.numpy().reshape(self._shape) * np.float32(1e3),
+            normals=self.normals.numpy().reshape(*self._shape, 3).copy(),
+            projector_x=np.ascontiguousarray(projector[..., 0]),
+            projector_y=np.ascontiguousarray(projector[..., 1]),
+            lit=self.flags.numpy().reshape(self._shape) == both,
+            object_id=self.object_id.numpy().reshape(self._shape).copy(),
+        )
+
+    def _record_rasterise(self, view: Any, vertices: Any, pixels: Any, corners: Any, keys: Any) -> list[Any]:
+        """Record the search for the nearest triangles, a launch a group of row strips."""
+        groups = self._runner.row_strips()
+        rows = math.ceil(view.height / sum(size for _, size in groups))
+        return [
+            wp.launch(
+                zbuffer_kernels.rasterise,
+                dim=(size, corners.size // 3),
+                inputs=[first, rows, view, vertices, pixels, corners],
+                outputs=[keys],
+                device=self._device,
+                record_cmd=True,
+            )
+            for first, size in groups
+        ]
+
+
+def _view(shape: tuple[int, int], focal: tuple[float, float], centre: tuple[float, float]) -> Any:
+    """Gather a pinhole's numbers for the ray_kernels."""
+    view = zbuffer_kernels.View()
+    view.height, view.width = shape
+    view.focal = wp.vec2(*focal)
+    view.centre = wp.vec2(*centre)
+    return view

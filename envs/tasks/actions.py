@@ -1,0 +1,124 @@
+"""What actions mean.
+
+| mode | space | meaning |
+|---|---|---|
+| `tip-velocity` | `Box(-0.06, 0.06, (3,))` | velocity of the moved tip in m/s along the camera's axes |
+| `tip-offset` | `Box(-0.00048, 0.00048, (3,))` | way in m that the tip's reference goes in one control period, same axes |
+| `joint-velocity` | `Box(-0.5, 0.5, (6,))` | joint velocities of the moved arm in rad/s |
+| `residual` | `Box(-0.06, 0.06, (3,))` | velocity that is added to the scripted controller's |
+
+Larger values are clipped. In every mode the trocar is kept: joint velocities are replaced by the nearest ones that leave the
+shaft on its trocar, and what they do at the tip goes the way of a tip velocity, through the same quadratic program with the
+trocar as equality and all limits. The roll about the shaft stays with the arm's posture.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from laploop.control.messages import ControlInput, TipController
+from laploop.envs.loop.closed_loop import ClosedLoop
+from laploop.envs.tasks.task_config import TaskConfig
+from laploop.errors import InvalidValueError
+
+Array = NDArray[np.float64]
+
+JOINTS = 6
+
+
+def action_space(config: TaskConfig) -> spaces.Space[NDArray[np.float32]]:
+    """Return the space of the actions of a config."""
+    bound = action_bound(config)
+    size = JOINTS if config.action_mode == "joint-velocity" else 3
+    box: spaces.Space[Any] = spaces.Box(-bound, bound, (size,), np.float32)
+    return box
+
+
+def action_bound(config: TaskConfig) -> float:
+    """Return the bound of each component of an action."""
+    if config.action_mode == "joint-velocity":
+        return config.max_joint_speed
+    if config.action_mode == "tip-offset":
+        return config.max_tip_speed * config.loop.rates.control_s
+    return config.max_tip_speed
+
+
+def checked_action(action: object, config: TaskConfig) -> Array:
+    """Return an action as float64.
+
+    Raises:
+        InvalidValueError: If it has another shape or is not made of numbers, or is not finite where that is an error.
+    """
+    size = JOINTS if config.action_mode == "joint-velocity" else 3
+    try:
+        values = np.asarray(action, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidValueError("action", action, f"{size} numbers") from error
+    if values.shape != (size,) or (config.bad_action == "raise" and not np.isfinite(values).all()):
+        unit = {"joint-velocity": "rad/s", "tip-offset": "m"}.get(config.action_mode, "m/s")
+        raise InvalidValueError("action", values.tolist(), f"{size} finite numbers ({unit})")
+    return values
+
+
+class ActionInterpreter:
+    """Turns the actions of an episode into velocities of the moved tip."""
+
+    def __init__(self, config: TaskConfig, loop: ClosedLoop, controller: TipController | None, *, yields: bool) -> None:
+        """Take the loop that the actions act in.
+
+        Args:
+            config: Action mode, bounds, and what happens without a usable command.
+            loop: The closed loop.
+            controller: What a residual is added to.
+            yields: Whether the moved tip is the tool's, which gives way to tissue that presses on it.
+        """
+        self._config = config
+        self._loop = loop
+        self._controller = controller
+        self._yields = yields
+        self.fault: str | None = None
+        """Why the last action was not followed: `action_not_finite`, `controller_not_finite`, or None."""
+
+    def reset(self) -> None:
+        """Begin an episode."""
+        self.fault = None
+        if self._controller is not None:
+            self._controller.reset()
+
+    def velocity(self, action: Array, known: Callable[[], ControlInput]) -> Array:
+        """Return the velocity of the moved tip, (3,) m/s along the camera's axes, that an action asks for.
+
+        Args:
+            action: As `checked_action` returns it.
+            known: Returns what a controller may know now; called only where that is needed.
+        """
+        config = self._config
+        action = self._loop.corrupted_action(action)
+        self.fault = None
+        command = np.zeros(3)
+        if self._controller is not None and config.action_mode == "residual":
+            with self._loop.timer.measure("control"):
+                command = np.asarray(self._controller.command(known()), dtype=np.float64)
+            if command.shape != (3,) or not np.isfinite(command).all():
+                self.fault = "controller_not_finite"
+        if not np.isfinite(action).all():
+            self.fault = "action_not_finite"
+        if self.fault is not None:
+            return self._held(known())
+        bound = action_bound(config)
+        action = np.clip(action, -bound, bound)
+        if config.action_mode == "joint-velocity":
+            return self._loop.tip_velocity_of_joints(action)
+        if config.action_mode == "tip-offset":
+            return action / config.loop.rates.control_s
+        return action + command if config.action_mode == "residual" else action
+
+    def _held(self, known: ControlInput) -> Array:
+        """Return the velocity of a tip that nobody commands: it stands still, but lets moving tissue push it out of its way."""
+        axis = known.shaft_axis_in_camera
+        if not self._yields or axis is None or known.contact_force_n <= self._config.yield_force_n:
+            return np.zeros(3)
+        return -self._config.yield_speed_mps * axis

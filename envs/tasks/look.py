@@ -1,0 +1,203 @@
+"""The looking task: the camera arm keeps a moving target in the middle of the view, at its working distance."""
+
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from laploop.control.messages import ControlInput
+from laploop.envs.tasks.observations import Observation, bounded
+from laploop.envs.tasks.rewards import weighted
+from laploop.envs.tasks.task_config import TaskConfig
+from laploop.envs.tasks.task_env import Info, TaskEnv
+from laploop.envs.theatre.organ_motion import BaseMotion
+from laploop.envs.theatre.stage_travel import StageTravel
+from laploop.errors import InvalidValueError
+from laploop.perception.geometry import invert_transform, transform_points
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LookRewardWeights:
+    """What each term counts; a term's value times its weight is what `info["reward_terms"]` shows."""
+
+    centre: float = 1.0
+    distance: float = 1.0
+    force: float = 0.5
+    effort: float = 0.02
+    success: float = 10.0
+    harm: float = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class LookConfig(TaskConfig):
+    """What the looking task asks, and in which theatre."""
+
+    motion: BaseMotion = field(default_factory=lambda: BaseMotion.named("breathing"))
+    travel: StageTravel = field(default_factory=lambda: StageTravel(x_peak_to_peak_m=0.020, y_peak_to_peak_m=0.020))
+    rewards: LookRewardWeights = field(default_factory=LookRewardWeights)
+    marker: bool = True
+    max_tip_speed: float = 0.03
+    working_distance_m: float = 0.085
+    """From the camera to the target, along the optical axis."""
+    settle_s: float = 2.0
+    """Until then nothing counts."""
+    max_centre_share: float = 0.05
+    """Largest distance of the target from the middle of the image, as a share of its width."""
+    max_distance_error_m: float = 0.005
+    hold_share: float = 0.95
+    """Share of the time after `settle_s` that both must hold in an episode that counts as a success."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            UnknownNameError: If a mode has an unknown name.
+            InvalidValueError: If a value is out of range.
+        """
+        super().__post_init__()
+        self.check_positive("settle_s", "max_centre_share", "max_distance_error_m")
+        if not 0.05 <= self.working_distance_m <= 0.15:
+            raise InvalidValueError("working_distance_m", self.working_distance_m, "0.05 to 0.15 m")
+        if not 0.0 < self.hold_share <= 1.0:
+            raise InvalidValueError("hold_share", self.hold_share, "above 0, at most 1")
+
+
+class LookEnv(TaskEnv[LookConfig]):
+    """Move the scope under its trocar so that a target stays in the middle of the image, 85 mm away.
+
+    The target is a material point of tissue that breathes (10 mm at 0.25 Hz) while the stage travels sideways (20 mm along
+    both axes at 0.08 and 0.05 Hz); it carries a marker whose pixel is known wherever it is seen. The tool arm stands still.
+
+    ## Action and observation
+
+    Those of `laploop.envs.tasks.actions` and `laploop.envs.tasks.observations`, but that actions move the tip of the scope, by
+    at most 0.03 m/s along each axis of the camera; and
+
+    | key | space | meaning |
+    |---|---|---|
+    | `marker_pixel` | `Box(-1, 256, (2,), float32)` | the marker in the frame of the newest depth map; -1 if not seen |
+    | `scope_velocity` | `Box(-1, 1, (3,), float32)` | velocity of the scope's tip along the camera's axes, m/s |
+    | `scope_insertion` | `Box(0, 1, (1,), float32)` | length of the scope's shaft inside the wall, m |
+
+    ## Reward
+
+    `centre` (minus tanh of the target's distance from the middle over a tenth of the image), `distance` (minus tanh of the
+    working distance's error over 10 mm), `force`, `effort`, `success`, `harm` (`LookRewardWeights`).
+
+    ## End
+
+    The duration is fixed: truncated with `time` after `max_seconds`, a success if for 95 % of the time after 2 s the target
+    was within 5 % of the image's width of its middle and within 5 mm of the working distance. Terminated only by harm:
+    `force` above 5 N on the tool's tip, `rcm` above 5 mm.
+
+    ## Info
+
+    Besides what every task says: `centre_share` (distance from the middle over the image's width), `distance_error_mm`
+    (signed, positive too far away), `in_view`.
+    """
+
+    task: ClassVar[str] = "look"
+    moves_scope: ClassVar[bool] = True
+
+    @classmethod
+    def default_config(cls) -> LookConfig:
+        """Return the task as it is by default."""
+        return LookConfig()
+
+    def extra_spaces(self) -> dict[str, spaces.Box]:
+        """Return the spaces of the marker and of the scope's own state."""
+        camera = self.loop.rig.camera
+        return {
+            "marker_pixel": spaces.Box(-1.0, float(max(camera.width, camera.height)), (2,), np.float32),
+            "scope_velocity": spaces.Box(-1.0, 1.0, (3,), np.float32),
+            "scope_insertion": spaces.Box(0.0, 1.0, (1,), np.float32),
+        }
+
+    def extra_observation(self) -> Observation:
+        """Return the marker and the scope's own state."""
+        marker = self.control_input().marker_pixel
+        rotation = self.loop.scope.world_from_camera()[:3, :3]
+        return {
+            "marker_pixel": np.full(2, -1.0, np.float32) if marker is None else marker.astype(np.float32),
+            "scope_velocity": bounded(rotation.T @ self.loop.scope.shaft_tip_velocity_in_world(), -1.0, 1.0),
+            "scope_insertion": bounded([self.loop.scope_insertion_m], 0.0, 1.0),
+        }
+
+    def control_input(self) -> ControlInput:
+        """Return all that a tip controller may know now, the working distance among it."""
+        return replace(super().control_input(), working_distance_m=self.config.working_distance_m)
+
+    def target_error_mm(self) -> float:
+        """Return the distance of the target from where it should be in the camera's frame."""
+        return float(np.linalg.norm(self._target_in_camera() - [0.0, 0.0, self.config.working_distance_m])) * 1e3
+
+    def measure(self, *, begin: bool) -> None:
+        """Look where the target is in the view."""
+        config, camera = self.config, self.loop.rig.camera
+        target = self._target_in_camera()
+        self._error_mm = self.target_error_mm()
+        self._distance_error_mm = float(target[2] - config.working_distance_m) * 1e3
+        off = camera.project(target) - [camera.cx, camera.cy]
+        self._centre_share = float(np.linalg.norm(off)) / camera.width
+        self._in_view = bool((np.abs(off) <= [0.5 * camera.width, 0.5 * camera.height]).all())
+        if begin:
+            self._centre_shares: list[float] = []
+            self._distance_errors_mm: list[float] = []
+        elif self.is_assessed():
+            self._centre_shares.append(self._centre_share)
+            self._distance_errors_mm.append(abs(self._distance_error_mm))
+
+    def is_assessed(self) -> bool:
+        """Count what comes after the settling time."""
+        return self.loop.now_ns > round(self.config.settle_s * 1e9)
+
+    def solved_in_time(self) -> bool:
+        """Say whether the target was in its place for long enough."""
+        share = self._held_share()
+        return share is not None and share >= self.config.hold_share
+
+    def reward_terms(self, effort: float, *, succeeded: bool, harmed: bool) -> dict[str, float]:
+        """Return the weighted terms."""
+        terms = {
+            "centre": -float(np.tanh(self._centre_share / 0.1)),
+            "distance": -float(np.tanh(abs(self._distance_error_mm) / 10.0)),
+            "force": -self.excess_force_n(),
+            "effort": -(effort**2),
+            "success": float(succeeded),
+            "harm": -float(harmed),
+        }
+        return weighted(terms, self.config.rewards)
+
+    def task_info(self) -> Info:
+        """Return the target's place in the view."""
+        return {
+            "target_error_mm": self._error_mm,
+            "centre_share": self._centre_share,
+            "distance_error_mm": self._distance_error_mm,
+            "in_view": self._in_view,
+        }
+
+    def metrics(self) -> dict[str, float | None]:
+        """Return where the target was after the settling time."""
+        seen = bool(self._centre_shares)
+        return {
+            "held_share": self._held_share(),
+            "centre_share_p95": float(np.percentile(self._centre_shares, 95)) if seen else None,
+            "centre_share_max": float(np.max(self._centre_shares)) if seen else None,
+            "distance_error_p95_mm": float(np.percentile(self._distance_errors_mm, 95)) if seen else None,
+            "distance_error_max_mm": float(np.max(self._distance_errors_mm)) if seen else None,
+        }
+
+    def _held_share(self) -> float | None:
+        if not self._centre_shares:
+            return None
+        centred = np.array(self._centre_shares) <= self.config.max_centre_share
+        near = np.array(self._distance_errors_mm) <= self.config.max_distance_error_m * 1e3
+        return float(np.mean(centred & near))
+
+    def _target_in_camera(self) -> Array:
+        return transform_points(invert_transform(self.loop.theatre.world_from_camera()), self.target_in_world())

@@ -1,0 +1,176 @@
+"""Which line of the first frame becomes the path of a scan."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+
+from laploop.envs.sensors.object_id import ObjectId
+from laploop.envs.sensors.stripe_capture import StripeCapture
+from laploop.envs.tasks.target_choice import TargetChoiceConfig, qualifying_pixels, shaft_is_clear
+from laploop.errors import InvalidValueError, SimulationError, check_range
+from laploop.perception.geometry import Intrinsics
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_STARTS = 400
+"""So many starts are tried at most."""
+_SHAFT_EVERY = 4
+"""Room for the shaft is looked at over every so many points of the path."""
+_BESIDE_M = 0.002
+"""Half the width of the strip along a path whose steepest place is compared."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathChoiceConfig:
+    """What makes a line a fair path: seen, lit, smooth, and within the tool's reach along all its length."""
+
+    length_m: float = 0.060
+    """On the surface."""
+    spacing_m: float = 0.002
+    """Between neighbouring points."""
+    max_turn_rad: float = np.deg2rad(14.0)
+    """From one stretch to the next; 14 degrees every 2 mm make circles of 8 mm."""
+    candidates: int = 4
+    """Of so many lines that qualify, the one with the least steep surroundings is taken; 1 takes the first."""
+    pixels: TargetChoiceConfig = field(
+        default_factory=lambda: TargetChoiceConfig(max_radius_m=0.040, max_tool_angle_rad=np.deg2rad(70.0))
+    )
+    """What each of its points must keep."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            InvalidValueError: If a field lies outside its range.
+        """
+        check_range("length_m", self.length_m, 0.01, 0.3)
+        if not 0.0005 <= self.spacing_m <= 0.2 * self.length_m:
+            raise InvalidValueError("spacing_m", self.spacing_m, "0.0005 m to a fifth of length_m")
+        check_range("max_turn_rad", self.max_turn_rad, 0.0, 1.0)
+        if self.candidates < 1:
+            raise InvalidValueError("candidates", self.candidates, "an integer from 1")
+
+    @property
+    def points(self) -> int:
+        """Number of points of a path."""
+        return round(self.length_m / self.spacing_m) + 1
+
+
+def choose_path_pixels(
+    capture: StripeCapture,
+    camera: Intrinsics,
+    trocar_in_camera: Array,
+    rng: np.random.Generator,
+    config: PathChoiceConfig,
+) -> Array:
+    """Draw a path, pixels (n, 2) `spacing_m` apart on the surface, `length_m` long.
+
+    A walk from a random start keeps to high ground, as one would draw a line along a loop of bowel, and turns by at most
+    `max_turn_rad` a step. Of a few such lines the one is taken that keeps away farthest from steep flanks and from the edges
+    of what is seen of the tissue.
+
+    Raises:
+        SimulationError: If no path qualifies.
+    """
+    fits = qualifying_pixels(capture, camera, trocar_in_camera, config.pixels)
+    rows, columns = np.nonzero(fits)
+    depth_m = capture.depth_mm.astype(np.float64) * 1e-3
+    surface = (camera.rays * depth_m[..., None])[np.isfinite(depth_m)][::4]
+    steepness = _steepness(capture, camera)
+    found: list[Array] = []
+    for start in rng.permutation(len(rows))[:_STARTS]:
+        first = np.array([columns[start] + 0.5, rows[start] + 0.5])
+        heading = float(rng.uniform(-np.pi, np.pi))
+        walked = _walk(first, heading, depth_m, fits, camera, config)
+        if walked is None:
+            continue
+        path = evenly(walked, depth_m, camera, config.points, config.length_m)
+        points = camera.unproject(path, _values_at(depth_m, path))
+        if all(shaft_is_clear(point, trocar_in_camera, surface, config.pixels) for point in points[::_SHAFT_EVERY]):
+            found.append(path)
+            if len(found) == config.candidates:
+                break
+    if found:
+        return min(found, key=lambda path: float(_values_at(steepness, path).max()))
+    raise SimulationError(
+        f"no line of {config.length_m * 1e3:.0f} mm in the first frame qualifies as a path ({len(rows)} pixels are lit tissue "
+        f"within reach, {min(len(rows), _STARTS)} starts were tried); try another seed, a shorter path or a wider "
+        "PathChoiceConfig"
+    )
+
+
+def _steepness(capture: StripeCapture, camera: Intrinsics) -> Array:
+    """Return the largest angle to the viewing ray around each pixel, (height, width) in radians; upright without tissue."""
+    to_camera = -camera.rays / np.linalg.norm(camera.rays, axis=-1, keepdims=True)
+    cosine = np.einsum("hwi,hwi->hw", capture.normals.astype(np.float64), to_camera)
+    tissue = capture.object_id == ObjectId.TISSUE
+    angle = np.where(tissue, np.arccos(np.clip(cosine, 0.0, 1.0)), np.pi / 2)
+    if not tissue.any():
+        return angle
+    distance = 1e-3 * float(np.median(capture.depth_mm[tissue]))
+    return np.asarray(maximum_filter(angle, 2 * round(camera.fx * _BESIDE_M / distance) + 1))
+
+
+def evenly(path: Array, depth_m: Array, camera: Intrinsics, points: int, length_m: float | None = None) -> Array:
+    """Return a path of pixels (n, 2) by `points` others, (points, 2), evenly spaced on the surface.
+
+    Args:
+        path: Pixels (n, 2).
+        depth_m: z-depth (height, width) in metres.
+        camera: That saw it.
+        points: How many to return.
+        length_m: Where to end; the path's own end where it is not given.
+    """
+    along = path_length_m(path, depth_m, camera)
+    places = np.linspace(0.0, along[-1] if length_m is None else min(length_m, along[-1]), points)
+    return np.stack([np.interp(places, along, path[:, axis]) for axis in range(2)], axis=-1)
+
+
+def path_length_m(path: Array, depth_m: Array, camera: Intrinsics) -> Array:
+    """Return the length along a path of pixels (n, 2) from its first to each of its points, (n,), on the surface."""
+    points = camera.unproject(path, _values_at(depth_m, path))
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+
+
+def _walk(
+    first: Array, heading: float, depth_m: Array, fits: Mask, camera: Intrinsics, config: PathChoiceConfig
+) -> Array | None:
+    """Return the path from a pixel, (n, 2), or None where it leaves what qualifies."""
+    path = [first]
+    length = 0.0
+    turns = np.linspace(-config.max_turn_rad, config.max_turn_rad, 7)
+    while length < config.length_m:
+        here = path[-1]
+        depth = _values_at(depth_m, here)
+        step_px = camera.fx * config.spacing_m / depth
+        angles = heading + turns
+        directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+        ahead = here + step_px * np.array([1.0, 2.5, 4.0])[:, None, None] * directions
+        inside = _at(fits, ahead[0])
+        if not inside.any():
+            return None
+        # The mean depth of what lies ahead says how high the ground is; straight on wins a tie.
+        cost = np.nanmean(np.where(_at(fits, ahead), _values_at(depth_m, ahead), depth + 0.01), axis=0) + 1e-4 * np.abs(turns)
+        best = int(np.argmin(np.where(inside, cost, np.inf)))
+        heading = float(angles[best])
+        path.append(ahead[0, best])
+        pair = np.stack(path[-2:])
+        way = np.diff(camera.unproject(pair, _values_at(depth_m, pair)), axis=0)
+        length += float(np.linalg.norm(way))
+    return np.array(path)
+
+
+def _at(mask: Mask, pixels: Array) -> Mask:
+    height, width = mask.shape
+    columns, rows = np.moveaxis(np.floor(pixels).astype(int), -1, 0)
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    return np.asarray(inside & mask[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)])
+
+
+def _values_at(image: Array, pixels: Array) -> Array:
+    height, width = image.shape
+    columns, rows = np.moveaxis(np.floor(pixels).astype(int), -1, 0)
+    return np.asarray(image[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)])

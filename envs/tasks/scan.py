@@ -1,0 +1,284 @@
+"""The scanning task: along a line on the tissue at a constant distance."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from laploop.assets.shafts import INSTRUMENT
+from laploop.control.messages import ControlInput
+from laploop.envs.tasks.observations import Observation, bounded
+from laploop.envs.tasks.path_choice import PathChoiceConfig, choose_path_pixels, evenly
+from laploop.envs.tasks.rewards import weighted
+from laploop.envs.tasks.surface_path import PathFoot, SurfacePath
+from laploop.envs.tasks.surface_point import SurfacePoint
+from laploop.envs.tasks.task_config import TaskConfig
+from laploop.envs.tasks.task_env import Info, TaskEnv
+from laploop.errors import InvalidValueError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanRewardWeights:
+    """What each term counts; a term's value times its weight is what `info["reward_terms"]` shows."""
+
+    distance: float = 1.0
+    progress: float = 1.0
+    standoff: float = 1.0
+    contact: float = 1.0
+    force: float = 0.5
+    effort: float = 0.02
+    success: float = 10.0
+    harm: float = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanConfig(TaskConfig):
+    """What the scanning task asks, and in which theatre."""
+
+    rewards: ScanRewardWeights = field(default_factory=ScanRewardWeights)
+    path: PathChoiceConfig = field(default_factory=PathChoiceConfig)
+    scope_distance_m: float | None = 0.080
+    """Near, where depth is best; 92 mm of tissue are in view there."""
+    max_seconds: float = 30.0
+    standoff_m: float = 0.003
+    """Between the ball end and the tissue."""
+    start_radius_m: float = 0.0015
+    """The scan begins when the tip is so near to its place above the start of the path."""
+    lost_radius_m: float = 0.006
+    """No progress is made with the tip farther than this from its place above the path."""
+    max_rms_m: float = 0.001
+    """Largest root mean square error of the stand-off of a scan that counts as a success."""
+    max_incidence_rad: float = np.deg2rad(10.0)
+    """Largest mean incidence of one."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            UnknownNameError: If a mode has an unknown name.
+            InvalidValueError: If a value is not positive.
+        """
+        super().__post_init__()
+        self.check_positive("standoff_m", "start_radius_m", "lost_radius_m", "max_rms_m", "max_incidence_rad")
+
+
+class ScanEnv(TaskEnv[ScanConfig]):
+    """Lead the ball end of the instrument 3 mm above a line that was drawn in the first frame, 60 mm long on the tissue.
+
+    The line is material: it moves with the tissue. Its foot is the point of it nearest to the tip, at most 4 mm from as far
+    as the scan has come. The stand-off is the height of the ball's lowest point above the foot along the surface's normal.
+    The incidence is the angle between that normal and the line from the foot to the tip: a straight shaft in its trocar
+    cannot choose its direction, but its tip can look at the surface squarely. The shaft's own angle is told beside it.
+
+    ## Action and observation
+
+    Those of `laploop.envs.tasks.actions` and `laploop.envs.tasks.observations`, and
+
+    | key | space | meaning |
+    |---|---|---|
+    | `path_pixels` | `Box(0, 256, (31, 2), float32)` | the line in the first frame, pixels (u, v), evenly spaced on tissue |
+    | `path_progress` | `Box(0, 1, (1,), float32)` | how much of it has been scanned |
+
+    `target_pixel` is the line's start; in the state mode, target position and normal are those of the foot.
+
+    ## Reward
+
+    `distance` (minus tanh of the tip's distance from its place above the foot over 20 mm), `progress` (mm scanned),
+    `standoff` (minus tanh of the stand-off's error over 2 mm, while scanning), `contact` (minus 1 while the tip touches
+    anything), `force`, `effort`, `success`, `harm` (`ScanRewardWeights`).
+
+    ## End
+
+    When the end of the line is reached, terminated with `success` if the stand-off's root mean square error was at most 1 mm
+    and the mean incidence at most 10 degrees, with `inaccurate` if not; with `force` above 5 N; with `rcm` above 5 mm.
+    Truncated with `time` after `max_seconds`.
+
+    ## Options of `reset`
+
+    `{"path_pixels": [(column, row), ...]}` draws the line by hand: two or more pixels of the first frame, at which the line
+    may turn.
+
+    ## Info
+
+    Besides what every task says: `path_progress`, `standoff_error_mm`, `incidence_deg`, `shaft_incidence_deg`.
+    """
+
+    task: ClassVar[str] = "scan"
+    WINDOW_M: ClassVar[float] = 0.004
+    """How far from the progress the foot is looked for."""
+
+    @classmethod
+    def default_config(cls) -> ScanConfig:
+        """Return the task as it is by default."""
+        return ScanConfig()
+
+    def extra_spaces(self) -> dict[str, spaces.Box]:
+        """Return the spaces of path and progress."""
+        camera = self.loop.rig.camera
+        return {
+            "path_pixels": spaces.Box(0.0, float(max(camera.width, camera.height)), (self.config.path.points, 2), np.float32),
+            "path_progress": spaces.Box(0.0, 1.0, (1,), np.float32),
+        }
+
+    def extra_observation(self) -> Observation:
+        """Return path and progress."""
+        return {"path_pixels": self.path_pixels.astype(np.float32), "path_progress": bounded([self._progress()], 0.0, 1.0)}
+
+    def choose_target(self, rng: np.random.Generator, options: Mapping[str, Any]) -> None:
+        """Take the path of `options`, or draw one.
+
+        Raises:
+            InvalidValueError: If a pixel of the path lies outside the frame or shows no tissue.
+        """
+        camera, truth = self.loop.rig.camera, self.first_view.truth
+        depth_m = truth.depth_mm.astype(np.float64) * 1e-3
+        if "path_pixels" in options:
+            drawn = self._checked_path(options["path_pixels"])
+            # Straight in the image from pixel to pixel, and dense enough to follow the surface between them.
+            places = np.linspace(0.0, len(drawn) - 1.0, 32 * (len(drawn) - 1) + 1)
+            dense = np.stack([np.interp(places, np.arange(len(drawn)), drawn[:, axis]) for axis in range(2)], axis=-1)
+            if not np.isfinite(depth_m[dense[:, 1].astype(int), dense[:, 0].astype(int)]).all():
+                raise InvalidValueError("path_pixels", drawn.tolist(), "a line that lies on the tissue")
+            self.path_pixels = evenly(dense, depth_m, camera, self.config.path.points)
+        else:
+            self.path_pixels = choose_path_pixels(truth, camera, self.trocar_in_camera(), rng, self.config.path)
+        theatre = self.loop.theatre
+        world_from_camera = theatre.world_from_camera()
+        rays = camera.unproject(self._refined(self.path_pixels), 1.0) @ world_from_camera[:3, :3].T
+        points, triangles = theatre.tissue.surface_points(), theatre.tissue.triangles
+        self._path = SurfacePath.from_rays(points, triangles, world_from_camera[:3, 3], rays)
+        self.set_target(SurfacePoint.from_ray(points, triangles, world_from_camera[:3, 3], rays[0]), self.path_pixels[0])
+        self._foot = self._path.at(points, 0.0)
+
+    def control_input(self) -> ControlInput:
+        """Return all that a tip controller may know now, the path among it."""
+        return replace(super().control_input(), path_pixels=self.path_pixels)
+
+    def target_offset(self) -> tuple[Array, Array, Array]:
+        """Return the way from the foot to the tip, the normal at the foot, and the foot, each (3,), in the world."""
+        return self.loop.theatre.tip_in_world() - self._foot.position, self._foot.normal, self._foot.position
+
+    def target_error_mm(self) -> float:
+        """Return the distance of the tip from its place above the path."""
+        offset, normal, _ = self.target_offset()
+        return float(np.linalg.norm(offset - self._height_m() * normal)) * 1e3
+
+    def measure(self, *, begin: bool) -> None:
+        """Find the foot, and how well the tip stands over it."""
+        config, points = self.config, self.loop.theatre.tissue.surface_points()
+        if begin:
+            self._along_m = self._gained_m = 0.0
+            self._started = False
+            self._standoff_errors_mm: list[float] = []
+            self._incidences_deg: list[float] = []
+        tip = self.loop.theatre.tip_in_world()
+        if self._started:
+            self._foot = self._path.nearest(points, tip, self._along_m - self.WINDOW_M, self._along_m + self.WINDOW_M)
+        else:
+            self._foot = self._path.at(points, 0.0)
+        self._error_mm = self.target_error_mm()
+        self._started = self._started or self._error_mm <= config.start_radius_m * 1e3
+        before = self._along_m
+        if self._started and self._error_mm <= config.lost_radius_m * 1e3:
+            self._along_m = max(self._along_m, self._foot.along_m)
+        self._gained_m = self._along_m - before
+        self._measure_angles(self._foot, tip)
+        if self._started and not begin:
+            self._standoff_errors_mm.append(self._standoff_error_mm)
+            self._incidences_deg.append(self._incidence_deg)
+
+    def is_assessed(self) -> bool:
+        """Count what comes after the tip has reached the start of the path."""
+        return self._started
+
+    def ended_by(self) -> str | None:
+        """Return how good the scan was, once it is at its end."""
+        if self._progress() < 1.0:
+            return None
+        accurate = _rms(self._standoff_errors_mm) <= self.config.max_rms_m * 1e3
+        square = np.mean(self._incidences_deg) <= np.rad2deg(self.config.max_incidence_rad)
+        return "success" if accurate and square else "inaccurate"
+
+    def reward_terms(self, effort: float, *, succeeded: bool, harmed: bool) -> dict[str, float]:
+        """Return the weighted terms."""
+        terms = {
+            "distance": -float(np.tanh(self._error_mm / 20.0)),
+            "progress": self._gained_m * 1e3,
+            "standoff": -float(np.tanh(abs(self._standoff_error_mm) / 2.0)) if self._started else 0.0,
+            "contact": -float(self.loop.max_force_n > 0.0),
+            "force": -self.excess_force_n(),
+            "effort": -(effort**2),
+            "success": float(succeeded),
+            "harm": -float(harmed),
+        }
+        return weighted(terms, self.config.rewards)
+
+    def task_info(self) -> Info:
+        """Return errors and progress."""
+        return {
+            "target_error_mm": self._error_mm,
+            "path_progress": self._progress(),
+            "standoff_error_mm": self._standoff_error_mm,
+            "incidence_deg": self._incidence_deg,
+            "shaft_incidence_deg": self._shaft_incidence_deg,
+        }
+
+    def metrics(self) -> dict[str, float | None]:
+        """Return how much was scanned, and how well."""
+        seen = bool(self._standoff_errors_mm)
+        return {
+            "path_progress": self._progress(),
+            "path_length_mm": self._path.length_m * 1e3,
+            "standoff_rms_mm": _rms(self._standoff_errors_mm) if seen else None,
+            "incidence_mean_deg": float(np.mean(self._incidences_deg)) if seen else None,
+            "incidence_p95_deg": float(np.percentile(self._incidences_deg, 95)) if seen else None,
+            "incidence_within_share": self._share_square() if seen else None,
+        }
+
+    def _share_square(self) -> float:
+        """Return the share of the ticks with an incidence that the task allows."""
+        return float(np.mean(np.array(self._incidences_deg) <= np.rad2deg(self.config.max_incidence_rad)))
+
+    def _progress(self) -> float:
+        """Return the share of the path that was scanned; its last half millimetre is given."""
+        return min(1.0, self._along_m / max(self._path.length_m - 0.0005, 1e-6))
+
+    def _height_m(self) -> float:
+        return self.config.standoff_m + INSTRUMENT.tip_radius_m
+
+    def _measure_angles(self, foot: PathFoot, tip: Array) -> None:
+        offset = tip - foot.position
+        self._standoff_error_mm = (float(offset @ foot.normal) - self._height_m()) * 1e3
+        self._incidence_deg = _angle_deg(offset, foot.normal)
+        shaft = self.loop.theatre.world_from_shaft(self.loop.theatre.tool_arm)[:3, 2]
+        self._shaft_incidence_deg = _angle_deg(-shaft, foot.normal)
+
+    def _checked_path(self, drawn: Any) -> Array:
+        camera = self.loop.rig.camera
+        path = np.array(drawn, dtype=np.float64)
+        allowed = f"2 or more pixels (column, row) within {camera.width} x {camera.height}"
+        if path.ndim != 2 or path.shape[1] != 2 or len(path) < 2 or not np.isfinite(path).all():
+            raise InvalidValueError("path_pixels", np.asarray(drawn).tolist(), allowed)
+        if not ((path >= 0.0) & (path < [camera.width, camera.height])).all():
+            raise InvalidValueError("path_pixels", path.tolist(), allowed)
+        return path
+
+    @staticmethod
+    def _refined(pixels: Array) -> Array:
+        """Return a path with a point in the middle of every step."""
+        places = np.linspace(0.0, len(pixels) - 1.0, 2 * len(pixels) - 1)
+        return np.stack([np.interp(places, np.arange(len(pixels)), pixels[:, axis]) for axis in range(2)], axis=-1)
+
+
+def _angle_deg(vector: Array, unit: Array) -> float:
+    cosine = float(vector @ unit) / max(float(np.linalg.norm(vector)), 1e-12)
+    return float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def _rms(values: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -1,0 +1,387 @@
+"""What all tasks have in common behind Gymnasium's interface."""
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, Generic, TypeVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from laploop.assets.shafts import INSTRUMENT
+from laploop.control.messages import ControlInput, TipController
+from laploop.envs.loop.closed_loop import ClosedLoop
+from laploop.envs.loop.perception_server import ServedFrame
+from laploop.envs.recording.recorder import Recorder, TickRecord
+from laploop.envs.tasks.actions import ActionInterpreter, action_space, checked_action
+from laploop.envs.tasks.observations import (
+    MAX_FORCE_N,
+    Observation,
+    bounded,
+    depth_observation,
+    depth_quality,
+    observation_space,
+    shows_depth,
+    shows_stripes,
+)
+from laploop.envs.tasks.surface_point import SurfacePoint
+from laploop.envs.tasks.target_choice import choose_target_pixel
+from laploop.envs.tasks.task_config import TaskConfig
+from laploop.envs.theatre.config import TheatreConfig
+from laploop.errors import InvalidValueError, SimulationError
+from laploop.perception.estimators.base import DepthEstimator
+from laploop.perception.estimators.registry import make_estimator
+from laploop.perception.geometry import Rig, invert_transform, transform_points
+
+Array = NDArray[np.float64]
+Info = dict[str, Any]
+ConfigT = TypeVar("ConfigT", bound=TaskConfig)
+
+HARMS = ("force", "rcm")
+"""Values of `terminated_by` that tell of a passed safety limit."""
+
+
+class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
+    """A task in the closed loop; one step is one control period, 8 ms by default.
+
+    The target is a material point of the tissue: the one that the chosen pixel showed when the first frame was captured. An
+    episode starts when the first depth map has arrived, so that there is always one.
+
+    A task says how its target is chosen, what it measures at every control tick, which named terms its reward has, and when
+    it is over. Everything else is here, in one order: action, loop, measurement, end, reward, record.
+
+    Actions and observations: `laploop.envs.tasks.actions` and `laploop.envs.tasks.observations`.
+
+    Every task terminates with `terminated_by` = `force` when the tip was pressed harder than `harm_force_n`, and with `rcm`
+    when a shaft is farther than `harm_rcm_m` off its trocar; it is truncated with `time` after `max_seconds`.
+
+    `info` holds `target_error_mm`, `rcm_error_mm` (`camera`, `tool`: worst of the period's physics steps), `port_force_n` and
+    `port_friction_n` (likewise, of the trocar's wall and seal), `contact_force_n` (likewise), `depth_mae_mm` and
+    `depth_valid_fraction` (both on the tissue), `depth_age_ms`, `sim_s`, `frames`, `dropped_frames`, `status` and
+    `status_reason` (of the inverse kinematics), `fault` (why the command was not followed, or None), `injected_faults`,
+    `assessed` (whether the task counts this tick), `success`, `terminated_by`, `reward_terms`.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012  Gymnasium's own convention
+
+    task: ClassVar[str]
+    """The task's name."""
+    moves_scope: ClassVar[bool] = False
+    """Whether actions move the camera arm in place of the tool arm."""
+
+    def __init__(
+        self,
+        config: ConfigT | None = None,
+        perception: str | DepthEstimator = "compact",
+        recorder: Recorder | None = None,
+        controller: TipController | None = None,
+    ) -> None:
+        """Make the environment.
+
+        Args:
+            config: What is asked and where.
+            perception: Name of a registered estimator, or an object with `estimate`.
+            recorder: Told everything that happens.
+            controller: What the action mode `residual` adds to, in place of the task's scripted controller.
+
+        Raises:
+            UnknownNameError: If no estimator has that name.
+        """
+        self.config = config or self.default_config()
+        scope = self.config.loop.scope
+        estimator = make_estimator(perception, Rig.from_optics(scope)) if isinstance(perception, str) else perception
+        self.loop = ClosedLoop(
+            self.config.loop, estimator, recorder, moves_scope=self.moves_scope, locate_target=self.target_in_world
+        )
+        if self.config.action_mode == "residual" and controller is None:
+            from laploop.control.controllers.registry import make_controller
+
+            controller = make_controller(self.task, self.loop.rig)
+        self._interpreter = ActionInterpreter(self.config, self.loop, controller, yields=not self.moves_scope)
+        self.action_space = action_space(self.config)
+        self.observation_space = observation_space(
+            self.config.observation_mode, (scope.height, scope.width), self.extra_spaces()
+        )
+        self._running = False
+        self._target: SurfacePoint | None = None
+        self._measured: ServedFrame | None = None
+        self._depth_mae_mm = self._depth_valid_fraction = float("nan")
+
+    # What a task says.
+
+    @classmethod
+    @abstractmethod
+    def default_config(cls) -> ConfigT:
+        """Return the configuration of an environment that was given none."""
+
+    def extra_spaces(self) -> dict[str, spaces.Box]:
+        """Return the spaces of the task's own observations."""
+        return {}
+
+    def extra_observation(self) -> Observation:
+        """Return the task's own observations."""
+        return {}
+
+    def choose_target(self, rng: np.random.Generator, options: Mapping[str, Any]) -> None:
+        """Choose the target in the first frame: a pixel of `options`, or one drawn from those that qualify."""
+        if "target_pixel" in options:
+            column, row = (int(value) for value in options["target_pixel"])
+            camera = self.loop.rig.camera
+            if not (0 <= column < camera.width and 0 <= row < camera.height):
+                raise InvalidValueError("target_pixel", (column, row), f"within {camera.width} x {camera.height} pixels")
+        else:
+            camera = self.loop.rig.camera
+            column, row = choose_target_pixel(self.first_view.truth, camera, self.trocar_in_camera(), rng, self.config.target)
+        self.set_target(self.surface_point(column, row), np.array([column + 0.5, row + 0.5]))
+
+    @abstractmethod
+    def measure(self, *, begin: bool) -> None:
+        """Measure what the task is about, at the begin of an episode and after every control period."""
+
+    @abstractmethod
+    def target_error_mm(self) -> float:
+        """Return the distance of the moved tip from where it should be."""
+
+    def ended_by(self) -> str | None:
+        """Return why the task is over, `success` if it is solved, or None while it goes on."""
+        return None
+
+    def solved_in_time(self) -> bool:
+        """Say whether a task of fixed duration is solved when its time is over."""
+        return False
+
+    @abstractmethod
+    def reward_terms(self, effort: float, *, succeeded: bool, harmed: bool) -> dict[str, float]:
+        """Return the weighted terms of one control period; `effort` is the commanded speed over the largest allowed one."""
+
+    def task_info(self) -> Info:
+        """Return the task's own part of `info`."""
+        return {}
+
+    def assessed(self, infos: Sequence[Info]) -> Sequence[Info]:
+        """Return those ticks of an episode that its accuracy is judged by; all where the task never got so far."""
+        counted = [info for info in infos if info["assessed"]]
+        return counted or infos
+
+    def metrics(self) -> dict[str, float | None]:
+        """Return the task's own results of the episode so far, by name with unit; None for what could not be measured."""
+        return {}
+
+    # What is the same for all.
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
+        """Build a tissue, start the loop, choose a target.
+
+        Args:
+            seed: Decides everything that is random in the episode.
+            options: `{"target_pixel": (column, row)}` chooses the target by hand.
+
+        Raises:
+            InvalidValueError: If the chosen pixel shows no tissue.
+        """
+        super().reset(seed=seed)
+        self._running = False
+        theatre_rng, target_rng = self.np_random.spawn(2)
+        tissue_seed = self.config.tissue_seed
+        if tissue_seed is None:
+            tissue_seed = int(theatre_rng.integers(2**31)) if seed is None else seed
+        rates = self.config.loop.rates
+        theatre_config = TheatreConfig(
+            seed=tissue_seed,
+            motion=self.config.motion,
+            travel=self.config.travel,
+            actuation=self.config.loop.actuation,
+            trocar=self.config.loop.trocar,
+            working_distance_m=self.config.scope_distance_m,
+            tissue=self.config.tissue,
+            timestep_s=rates.physics_s,
+            control_period_s=rates.control_s,
+            optics=self.config.loop.scope,
+        )
+        self._interpreter.reset()
+        # The target is a material point of the first frame, so its vertices are those at time 0, before the loop runs on.
+        self._target = None
+        self.loop.reset(theatre_config, theatre_rng, at_first_frame=lambda: self.choose_target(target_rng, options or {}))
+        self.measure(begin=True)
+        self._running = True
+        info = self._info(reward_terms={}, terminated_by=None, succeeded=False)
+        return self._observation(), info
+
+    def step(self, action: NDArray[np.floating[Any]]) -> tuple[Observation, float, bool, bool, Info]:
+        """Run one control period.
+
+        Raises:
+            InvalidValueError: If the action has another shape, or an entry that is not finite where that is an error.
+            SimulationError: If the episode has ended or not begun.
+        """
+        if not self._running:
+            raise SimulationError("the episode has ended or not begun; call reset() first")
+        velocity = self._interpreter.velocity(checked_action(action, self.config), self.control_input)
+        if self.moves_scope:
+            self.loop.advance(np.zeros(3), velocity)
+        else:
+            self.loop.advance(velocity)
+        self.measure(begin=False)
+        terminated_by = self._harm() or self.ended_by()
+        truncated = terminated_by is None and self.loop.now_ns >= round(self.config.max_seconds * 1e9)
+        succeeded = self.solved_in_time() if truncated else terminated_by == "success"
+        terms = self.reward_terms(
+            float(np.linalg.norm(velocity)) / self.config.max_tip_speed, succeeded=succeeded, harmed=terminated_by in HARMS
+        )
+        info = self._info(terms, "time" if truncated else terminated_by, succeeded=succeeded)
+        self._record_tick(info)
+        self._running = terminated_by is None and not truncated
+        return self._observation(), float(sum(terms.values())), terminated_by is not None, truncated, info
+
+    def close(self) -> None:
+        """End the perception thread."""
+        self._running = False
+        self.loop.close()
+
+    def control_input(self) -> ControlInput:
+        """Return all that a tip controller may know now; `laploop.control.messages.TipController` takes it."""
+        known = self.loop.control_input(self.target_pixel)
+        return known if self.config.marker else replace(known, marker_pixel=None)
+
+    def target_in_world(self) -> Array:
+        """Return where the material target point is now, (3,), metres."""
+        return self.surface_target().position(self.loop.theatre.tissue.surface_points())
+
+    def surface_target(self) -> SurfacePoint:
+        """Return the target as a point of the tissue.
+
+        Raises:
+            SimulationError: If there is none yet.
+        """
+        if self._target is None:
+            raise SimulationError("there is no target yet; call reset() first")
+        return self._target
+
+    # For the tasks.
+
+    @property
+    def first_view(self) -> Any:
+        """The first frame with what the simulator knows of it.
+
+        Raises:
+            SimulationError: If there is none yet.
+        """
+        captured = self.loop.first_captured
+        if captured is None:
+            raise SimulationError("the first frame is missing")
+        return captured
+
+    def set_target(self, target: SurfacePoint, pixel: Array) -> None:
+        """Set the target and the pixel (2,) of the first frame that shows it."""
+        self._target = target
+        self.target_pixel = pixel
+
+    def surface_point(self, column: float, row: float) -> SurfacePoint:
+        """Return the point of the tissue that the centre of a pixel shows now."""
+        world_from_camera = self.loop.theatre.world_from_camera()
+        direction = world_from_camera[:3, :3] @ self.loop.rig.camera.rays[int(row), int(column)]
+        tissue = self.loop.theatre.tissue
+        return SurfacePoint.from_ray(tissue.surface_points(), tissue.triangles, world_from_camera[:3, 3], direction)
+
+    def trocar_in_camera(self) -> Array:
+        """Return where the tool's shaft passes the wall, (3,), in the camera's frame."""
+        theatre = self.loop.theatre
+        return transform_points(invert_transform(theatre.world_from_camera()), theatre.tool_arm.trocar_in_world)
+
+    def target_offset(self) -> tuple[Array, Array, Array]:
+        """Return the way from the target to the tool's tip, the target's normal, and the target, each (3,), in the world."""
+        points = self.loop.theatre.tissue.surface_points()
+        target = self.surface_target()
+        position = target.position(points)
+        return self.loop.theatre.tip_in_world() - position, target.normal(points), position
+
+    def touch_error_mm(self) -> float:
+        """Return the distance of the tool's tip from an ideal touch: one ball radius above the target along its normal."""
+        points = self.loop.theatre.tissue.surface_points()
+        target = self.surface_target()
+        ideal = target.position(points) + INSTRUMENT.tip_radius_m * target.normal(points)
+        return float(np.linalg.norm(self.loop.theatre.tip_in_world() - ideal)) * 1e3
+
+    def excess_force_n(self) -> float:
+        """Return by how much the force on the tip passed the alarm in the last control period."""
+        return max(0.0, self.loop.max_force_n - self.config.alarm_force_n)
+
+    def is_assessed(self) -> bool:
+        """Say whether the task counts this tick."""
+        return True
+
+    def _harm(self) -> str | None:
+        if self.loop.max_force_n > self.config.harm_force_n:
+            return "force"
+        if max(self.loop.max_rcm_error_m.values()) > self.config.harm_rcm_m:
+            return "rcm"
+        return None
+
+    def _observation(self) -> Observation:
+        mode = self.config.observation_mode
+        served, newest = self.loop.newest_served, self.loop.newest_captured
+        if served is None or newest is None:
+            raise SimulationError("no frame yet")
+        known = self.control_input()
+        rotation = self.loop.theatre.world_from_camera()[:3, :3]
+        force = rotation.T @ self.loop.reading().contact_force_in_world
+        observation: Observation = {"stripes": newest.frame.image.copy()} if shows_stripes(mode) else {}
+        if shows_depth(mode):
+            observation |= depth_observation(served, self.loop.now_ns)
+        observation["tip_position"] = bounded(known.tip_in_camera, -1.0, 1.0)
+        observation["tip_velocity"] = bounded(known.tip_velocity_in_camera, -1.0, 1.0)
+        observation["contact_force"] = bounded(force, -MAX_FORCE_N, MAX_FORCE_N)
+        observation["target_pixel"] = self.target_pixel.astype(np.float32)
+        if mode == "state":
+            camera_from_world = invert_transform(self.loop.theatre.world_from_camera())
+            _, normal, position = self.target_offset()
+            observation["target_position"] = bounded(transform_points(camera_from_world, position), -1.0, 1.0)
+            observation["target_normal"] = bounded(camera_from_world[:3, :3] @ normal, -1.0, 1.0)
+        return observation | self.extra_observation()
+
+    def _info(self, reward_terms: dict[str, float], terminated_by: str | None, *, succeeded: bool) -> Info:
+        served = self.loop.newest_served
+        if served is None:
+            raise SimulationError("no depth frame yet")
+        if served is not self._measured:
+            self._measured = served
+            self._depth_mae_mm, self._depth_valid_fraction = depth_quality(served)
+        status = self.loop.scope_status or self.loop.tool_status
+        return {
+            **self.task_info(),
+            "rcm_error_mm": {name: error * 1e3 for name, error in self.loop.max_rcm_error_m.items()},
+            "port_force_n": dict(self.loop.max_port_force_n),
+            "port_friction_n": dict(self.loop.max_port_friction_n),
+            "contact_force_n": self.loop.max_force_n,
+            "depth_mae_mm": self._depth_mae_mm,
+            "depth_valid_fraction": self._depth_valid_fraction,
+            "depth_age_ms": served.depth.age_ns(self.loop.now_ns) * 1e-6,
+            "sim_s": self.loop.now_ns * 1e-9,
+            "frames": self.loop.frame_count,
+            "dropped_frames": self.loop.dropped_frames,
+            "status": str(status),
+            "status_reason": self.loop.status_reason,
+            "fault": self._interpreter.fault,
+            "injected_faults": self.loop.active_faults(),
+            "assessed": self.is_assessed(),
+            "success": succeeded,
+            "terminated_by": terminated_by,
+            "reward_terms": reward_terms,
+        }
+
+    def _record_tick(self, info: Info) -> None:
+        with self.loop.timer.measure("record"):
+            self.loop.recorder.tick(
+                TickRecord(
+                    now_ns=self.loop.now_ns,
+                    target_error_mm=info["target_error_mm"],
+                    target_in_world=self.target_in_world(),
+                    rcm_error_mm=info["rcm_error_mm"],
+                    port_force_n=info["port_force_n"],
+                    contact_force_n=info["contact_force_n"],
+                    depth_age_ms=info["depth_age_ms"],
+                    stage_ms=self.loop.timer.lap_ms(),
+                )
+            )

@@ -1,0 +1,1 @@
+"""The physics: scene, arms, tissue, trocars, actuation, organ motion."""

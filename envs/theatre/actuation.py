@@ -1,0 +1,172 @@
+"""What lies between a joint target and its servo: the robot's own cycle, delay, lag and limits."""
+
+import math
+from collections import deque
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.assets.ur5 import VELOCITY_GAIN_RATIO_S
+from laploop.envs.theatre.arm import JointReference
+from laploop.errors import InvalidValueError, UnknownNameError, check_range
+
+Array = NDArray[np.float64]
+
+ActuationName = Literal["ideal", "ur5-cb", "ur5-e"]
+"""The named actuations, in the order in which they are listed to users."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActuationConfig:
+    """How a robot follows the joint targets that are streamed to it.
+
+    A target takes effect at the robot's next cycle and is held over it; motion begins a delay later and follows with a
+    first-order lag. All zero is a robot without any of this, whose servos go on along the target's velocity.
+    """
+
+    cycle_ns: int = 0
+    """Period of the robot's controller; 0 for none."""
+    delay_ns: int = 0
+    """From the cycle in which a target takes effect to the first motion; whole physics steps, rounded up."""
+    lag_ns: int = 0
+    """Time constant of the first-order lag."""
+    max_speed_rad_s: float = math.inf
+    """Bound of every joint's speed."""
+    max_angle_rad: float = math.inf
+    """Bound of every joint's angle, to both sides."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If a field lies outside its range, or there is a delay or a lag without a cycle.
+        """
+        check_range("cycle_ns", self.cycle_ns, 0, 100_000_000)
+        check_range("delay_ns", self.delay_ns, 0, 1_000_000_000)
+        check_range("lag_ns", self.lag_ns, 0, 1_000_000_000)
+        for name in ("max_speed_rad_s", "max_angle_rad"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidValueError(name, getattr(self, name), "above 0")
+        limited = math.isfinite(self.max_speed_rad_s) or math.isfinite(self.max_angle_rad)
+        if self.cycle_ns == 0 and (self.delay_ns or self.lag_ns or limited):
+            raise InvalidValueError("cycle_ns", 0, "above 0 where there is a delay, a lag or a limit")
+
+    @classmethod
+    def named(cls, name: str) -> "ActuationConfig":
+        """Make one of the named actuations.
+
+        `ur5-cb` is a UR5 of the CB series: 125 Hz, 35 ms from command to motion (measured with MoveIt Servo), `ur5-e` one of
+        the e-series: 500 Hz, 34 ms (measured with `servoj`, lookahead 0.03 s). Published loop models add a lag of 20-40 ms:
+        the softer gains of the CB series get 30 ms, the e-series 20 ms. Joints turn by at most 180 deg/s and 360 deg.
+
+        Raises:
+            UnknownNameError: If nobody knows the name.
+        """
+        if name not in get_args(ActuationName):
+            raise UnknownNameError("actuation", name, get_args(ActuationName))
+        if name == "ideal":
+            return cls()
+        limited = cls(cycle_ns=8_000_000, max_speed_rad_s=math.pi, max_angle_rad=2.0 * math.pi)
+        if name == "ur5-cb":
+            return replace(limited, delay_ns=35_000_000, lag_ns=30_000_000)
+        return replace(limited, cycle_ns=2_000_000, delay_ns=34_000_000, lag_ns=20_000_000)
+
+    @property
+    def lead_ns(self) -> int:
+        """How far ahead of the present a slow reference must be aimed for the arm to be on it: delay, lag and half a cycle."""
+        return self.delay_ns + self.lag_ns + self.cycle_ns // 2
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Command:
+    sent_ns: int
+    q: Array
+    qdot: Array
+
+
+class Actuation:
+    """The way of one arm's joint targets to its servos, at every physics step; deterministic, on whole nanoseconds.
+
+    The servo's input holds the velocity feed-forward `kd / kp q'` of its damping, so that the servo itself adds no lag.
+    """
+
+    COMMANDS: ClassVar[int] = 1024
+    """Targets under way at most: more than the longest delay holds at one a millisecond."""
+
+    def __init__(self, config: ActuationConfig, *, q: Array, timestep_ns: int, control_steps: int) -> None:
+        """Start at rest.
+
+        Args:
+            config: The robot.
+            q: (joints,), rad, where it stands.
+            timestep_ns: The physics step.
+            control_steps: Physics steps from one target to the next; so long a target's velocity is believed.
+
+        Raises:
+            InvalidValueError: If the robot's cycle is not a whole number of physics steps, or q lies beyond its limit.
+        """
+        if timestep_ns <= 0 or config.cycle_ns % timestep_ns:
+            raise InvalidValueError("cycle_ns", config.cycle_ns, f"a multiple of the physics step, {timestep_ns} ns")
+        if control_steps < 1:
+            raise InvalidValueError("control_steps", control_steps, "1 or more")
+        self.config = config
+        self._timestep_ns = timestep_ns
+        self._control_steps = control_steps
+        self._approach = 1.0 - math.exp(-timestep_ns / config.lag_ns) if config.lag_ns else 1.0
+        self._max_step = config.max_speed_rad_s * timestep_ns * 1e-9
+        self.reset(q)
+
+    def reset(self, q: Array) -> None:
+        """Stand at q, (joints,), at rest, with no target under way.
+
+        Raises:
+            InvalidValueError: If q is not finite or lies beyond the limit.
+        """
+        if not np.all(np.abs(q) <= self.config.max_angle_rad) or not np.all(np.isfinite(q)):
+            raise InvalidValueError("q", q, f"finite angles up to {self.config.max_angle_rad:g} rad to both sides")
+        self._position = np.array(q, dtype=np.float64)
+        self._reference = JointReference(
+            q=self._position, timestep_s=self._timestep_ns * 1e-9, control_steps=self._control_steps
+        )
+        self._taken = self._position.copy()
+        """Where the robot's controller wants to be, as of `delay_ns` ago."""
+        self._commands: deque[_Command] = deque(maxlen=self.COMMANDS)
+
+    def command(self, now_ns: int, q: Array, qdot: Array | None = None) -> None:
+        """Send a target: where to be now, (joints,) rad, and how fast to go on, (joints,) rad/s, zero if missing.
+
+        Raises:
+            InvalidValueError: If q or qdot is not as many finite numbers as there are joints, or the time goes back.
+        """
+        self._reference.set_target(q, qdot)
+        if self.config.cycle_ns == 0:
+            return
+        if self._commands and now_ns < self._commands[-1].sent_ns:
+            raise InvalidValueError("now_ns", now_ns, f"no earlier than the last target's {self._commands[-1].sent_ns}")
+        speed = np.zeros_like(self._position) if qdot is None else np.array(qdot, dtype=np.float64)
+        self._commands.append(_Command(sent_ns=now_ns, q=np.array(q, dtype=np.float64), qdot=speed))
+
+    def step(self, now_ns: int) -> Array:
+        """Return the servos' inputs (joints,) for the physics step that begins now; call it once a step."""
+        if self.config.cycle_ns == 0:
+            return self._reference.advance()
+        self._take(now_ns)
+        limit = self.config.max_angle_rad
+        wanted = np.clip(self._taken, -limit, limit)
+        moved = np.clip(self._approach * (wanted - self._position), -self._max_step, self._max_step)
+        self._position = self._position + moved
+        return np.asarray(self._position + VELOCITY_GAIN_RATIO_S / (self._timestep_ns * 1e-9) * moved)
+
+    def _take(self, now_ns: int) -> None:
+        """Look up what the robot's controller took over in the cycle whose effect is seen now."""
+        delayed_ns = now_ns - self.config.delay_ns
+        cycle_ns = delayed_ns // self.config.cycle_ns * self.config.cycle_ns
+        while len(self._commands) > 1 and self._commands[1].sent_ns <= cycle_ns:
+            self._commands.popleft()
+        if not self._commands or self._commands[0].sent_ns > cycle_ns:
+            return
+        newest = self._commands[0]
+        age_ns = min(cycle_ns - newest.sent_ns, self._control_steps * self._timestep_ns)
+        self._taken = newest.q + age_ns * 1e-9 * newest.qdot

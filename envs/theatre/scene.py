@@ -1,0 +1,179 @@
+"""The theatre as one MuJoCo model: two arms with what they hold, table, wall, stage and phantom."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.assets.instrument import build_instrument
+from laploop.assets.laparoscope import SHAFT_TIP, build_laparoscope
+from laploop.assets.operating_table import STAGE_PLATE_THICKNESS_M, build_operating_table, build_stage
+from laploop.assets.phantom import TISSUE, TissueConfig, build_phantom
+from laploop.assets.phantom_mesh import mean_top_height
+from laploop.assets.shafts import INSTRUMENT, LAPAROSCOPE
+from laploop.assets.tissue_shape import TissueMesh, height_field, solid_mesh
+from laploop.assets.ur5 import build_ur5
+from laploop.assets.ur5_description import FLANGE
+from laploop.control.arm.model import ArmModel
+from laploop.control.arm.start_posture import start_posture
+from laploop.envs.theatre.arm import Arm
+from laploop.envs.theatre.config import TheatreConfig, TheatreLayout
+from laploop.errors import InvalidValueError
+
+Array = NDArray[np.float64]
+
+CAMERA_ARM = "camera_arm"
+TOOL_ARM = "tool_arm"
+SCOPE_PREFIX = "scope/"
+INSTRUMENT_PREFIX = "instrument/"
+"""Prefixes, after the arm's own, of all names of what the flange holds."""
+STAGE_PLATE = "stage/plate"
+TISSUE_FLEX = f"phantom/{TISSUE}"
+
+_CAMERA_SEED_Q = np.array([-0.20, -1.31, 0.77, -1.03, -1.57, -1.77])
+_TOOL_SEED_Q = np.array([-0.28, -1.79, 1.86, -2.31, -1.39, -0.22])
+"""Elbow up, wrist above the wall, far from singular."""
+
+_WORKING_DISTANCE_RANGE_M = (0.075, 0.105)
+_TIP_CLEARANCE_M = 0.022
+"""Height of the tool's tip above the highest point of the tissue at rest; breathing takes 5 mm of it."""
+_SCOPE_CLEARANCE_M = 0.035
+"""Least room between the scope's tip and the highest point of the tissue at rest; the tool's ball end moves in there."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """A compiled model and where its parts are."""
+
+    model: Any
+    camera_arm: Arm
+    tool_arm: Arm
+    tissue_mesh: TissueMesh
+    stage_in_world: Array
+    """(3,), middle of the stage plate's upper face when the base motion is zero."""
+    working_distance_m: float
+
+
+def build_scene(config: TheatreConfig, rng: np.random.Generator) -> Scene:
+    """Compose and compile the theatre of a config; all that is random comes from `rng`."""
+    layout = config.layout
+    mesh, mean_height, top_height = _tissue(config.tissue, rng)
+    drawn_distance = float(rng.uniform(*_WORKING_DISTANCE_RANGE_M))
+    tip_x, tip_y = rng.uniform(0.036, 0.042), rng.uniform(-0.008, 0.008)
+    distance = drawn_distance if config.working_distance_m is None else config.working_distance_m
+    stage = np.array([0.0, 0.0, layout.scope_tip_z_m - distance - mean_height])
+    _check_room(stage, top_height, layout)
+    tip = np.array([tip_x, tip_y, stage[2] + top_height + _TIP_CLEARANCE_M])
+    scope_trocar = np.array([0.0, 0.0, layout.wall_z_m])
+    tool_trocar = np.array([layout.tool_trocar_x_m, 0.0, layout.wall_z_m])
+    bases = _bases(layout)
+    model = _compile(config, mesh, bases=bases, trocars={"scope_trocar": scope_trocar, "tool_trocar": tool_trocar}, stage=stage)
+    scope_pose = _transform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, layout.scope_tip_z_m]))
+    return Scene(
+        model=model,
+        camera_arm=Arm.of_model(
+            model,
+            name=CAMERA_ARM,
+            tip_site=f"{SCOPE_PREFIX}{SHAFT_TIP}",
+            shaft=LAPAROSCOPE,
+            world_from_base=bases[CAMERA_ARM],
+            trocar_in_world=scope_trocar,
+            home_q=start_posture(ArmModel(bases[CAMERA_ARM], LAPAROSCOPE), scope_pose, _CAMERA_SEED_Q),
+        ),
+        tool_arm=Arm.of_model(
+            model,
+            name=TOOL_ARM,
+            tip_site=f"{INSTRUMENT_PREFIX}{SHAFT_TIP}",
+            shaft=INSTRUMENT,
+            world_from_base=bases[TOOL_ARM],
+            trocar_in_world=tool_trocar,
+            home_q=start_posture(ArmModel(bases[TOOL_ARM], INSTRUMENT), _tool_pose(tip, tool_trocar), _TOOL_SEED_Q),
+        ),
+        tissue_mesh=mesh,
+        stage_in_world=stage,
+        working_distance_m=distance,
+    )
+
+
+def _tissue(config: TissueConfig, rng: np.random.Generator) -> tuple[TissueMesh, float, float]:
+    """Return the solid, its mean height as seen from above, and its greatest, both in metres above the stage."""
+    if config.solid is not None:
+        return config.solid, mean_top_height(config.solid), float(config.solid.points[:, 2].max())
+    height = height_field(config.shape, rng)
+    return solid_mesh(config.shape, height), float(height.mean()), float(height.max())
+
+
+def _check_room(stage: Array, top_height: float, layout: TheatreLayout) -> None:
+    """Check that the stage clears the table, and the tissue the scope.
+
+    Raises:
+        InvalidValueError: If one does not.
+    """
+    if stage[2] < STAGE_PLATE_THICKNESS_M:
+        allowed = f"at least {STAGE_PLATE_THICKNESS_M} m; a flatter phantom or a smaller working distance raises it"
+        raise InvalidValueError("height of the stage above the table", round(float(stage[2]), 4), allowed)
+    room = layout.scope_tip_z_m - float(stage[2]) - top_height
+    if room < _SCOPE_CLEARANCE_M:
+        allowed = f"at least {_SCOPE_CLEARANCE_M} m; a more even phantom or a larger working distance gives more"
+        raise InvalidValueError("room between the scope's tip and the highest point of the tissue", round(room, 4), allowed)
+
+
+def _compile(
+    config: TheatreConfig, mesh: TissueMesh, *, bases: dict[str, Array], trocars: dict[str, Array], stage: Array
+) -> Any:
+    spec = build_operating_table(wall_height_m=config.layout.wall_z_m, trocars=trocars)
+    spec.modelname = "theatre"
+    spec.compiler.fusestatic = False
+    spec.option.timestep = config.timestep_s
+    # Tissue elasticity needs the discrete integrator. In contact, Newton needs one or two iterations where conjugate
+    # gradients need ten, or, against a hard contact with friction, a hundred.
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+    spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
+    spec.option.tolerance = 1e-6
+    # Also the limit of the linear solve for the free motion, which needs up to 60 when the tissue starts to move.
+    spec.option.iterations = 300
+    spec.memory = 400 * 2**20
+    for name, prefix, held in (
+        (CAMERA_ARM, SCOPE_PREFIX, build_laparoscope(optics=config.optics)),
+        (TOOL_ARM, INSTRUMENT_PREFIX, build_instrument()),
+    ):
+        arm = build_ur5()
+        arm.attach(held, prefix=prefix, frame=arm.body(FLANGE).add_frame())
+        position, quaternion = bases[name][:3, 3], _quaternion(bases[name])
+        spec.attach(arm, prefix=f"{name}/", frame=spec.worldbody.add_frame(pos=position, quat=quaternion))
+    spec.attach(build_stage(), prefix="stage/", frame=spec.worldbody.add_frame(pos=stage))
+    spec.attach(build_phantom(mesh, config.tissue), prefix="phantom/", frame=spec.body(STAGE_PLATE).add_frame())
+    return spec.compile()
+
+
+def _bases(layout: TheatreLayout) -> dict[str, Array]:
+    half_turn = np.diag([-1.0, -1.0, 1.0])
+    return {
+        CAMERA_ARM: _transform(np.eye(3), np.array([layout.camera_base_x_m, 0.0, 0.0])),
+        TOOL_ARM: _transform(half_turn, np.array([layout.tool_base_x_m, 0.0, 0.0])),
+    }
+
+
+def _tool_pose(tip: Array, trocar: Array) -> Array:
+    """Put the tip in its place and the shaft through its trocar, the shaft's x close to the world's y."""
+    z = (tip - trocar) / np.linalg.norm(tip - trocar)
+    y = np.cross(z, [0.0, 1.0, 0.0])
+    y /= np.linalg.norm(y)
+    return _transform(np.column_stack([np.cross(y, z), y, z]), tip)
+
+
+def _transform(rotation: Array, position: Array) -> Array:
+    transform = np.eye(4)
+    transform[:3, :3] = rotation
+    transform[:3, 3] = position
+    return transform
+
+
+def _quaternion(transform: Array) -> Array:
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, transform[:3, :3].ravel())
+    return quaternion

@@ -1,0 +1,1 @@
+"""Data sets of frames and of pairs, as stores and in memory."""

@@ -1,0 +1,1 @@
+"""Collects stripe frames paired with a reference camera's depth."""

@@ -1,0 +1,136 @@
+"""Collects stripe frames paired with captures of the reference camera, as the automated program of the paper does."""
+
+import hashlib
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, wait
+from dataclasses import replace
+from multiprocessing.connection import wait as wait_for
+from pathlib import Path
+
+from laploop.errors import OutputError
+from laploop.perception.calibration.calibration_file import load_calibration
+from laploop.perception.data.pair_store import PairStore
+from laploop.studies.acquisition.config import AcquisitionConfig
+from laploop.studies.acquisition.station import collect_tissue, reference_optics
+from laploop.studies.calibration.run import CalibrationConfig, calibrate_bench
+
+Report = Callable[[int], None]
+"""Is told how many pairs are done so far."""
+
+_POLL_S = 0.5
+
+
+def collect_pairs(
+    config: AcquisitionConfig, out: Path, *, calibration: Path | None = None, report: Report | None = None
+) -> Path:
+    """Collect pairs into the Zarr store `out` and return its path; goes on where an earlier run was stopped.
+
+    Pair i depends on the configuration, the calibration and i alone: not on the engine, the number of workers, or
+    interruptions. A run that goes on uses the calibration that the store holds.
+
+    Args:
+        config: The plan.
+        out: Where the store is or will be.
+        calibration: A file with the calibration to use; by default the bench is calibrated first.
+        report: Is told the progress.
+
+    Raises:
+        OutputError: If `out` cannot be written, or holds a collection of another configuration or calibration.
+        MissingFileError: If there is no such calibration.
+        InvalidValueError: If the calibration is not valid, or `out` is a data set of another format.
+        SimulationError: If a tissue does not settle.
+    """
+    report = report or (lambda _: None)
+    store = open_or_create(config, out, calibration=calibration)
+    done = store.done()
+    report(int(done.sum()))
+    tissues = sorted({int(tissue) for tissue in config.tissue_of_pair[~done]})
+    if config.engine == "ray":
+        from laploop.studies.acquisition.ray import collect_with_ray
+
+        collect_with_ray(config, out, tissues, lambda: report(store.count_done()))
+    elif config.workers == 1:
+        for tissue in tissues:
+            collect_tissue(config, out, tissue, lambda: report(store.count_done()))
+    elif tissues:
+        _collect_with_processes(config, out, tissues, lambda: report(store.count_done()))
+    report(store.count_done())
+    return out
+
+
+def open_or_create(
+    config: AcquisitionConfig,
+    out: Path,
+    *,
+    calibration: Path | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> PairStore:
+    """Open the store of an earlier run of the same plan, or calibrate and make a new one.
+
+    Arguments and errors as for `collect_pairs`; `progress` is told the number of calibration views taken, up to
+    `calibration_config(config).pictures`.
+    """
+    given = load_calibration(calibration) if calibration is not None else None
+    recipe = {**config.recipe, "calibration_file_sha256": None if calibration is None else _file_hash(calibration)}
+    if out.exists():
+        store = PairStore.open(out, writable=True)
+        different = sorted(name for name in recipe if store.config.get(name) != recipe[name])
+        if different:
+            raise OutputError(
+                f"{out} holds a collection of another configuration (different: {', '.join(different)}); give a new folder"
+            )
+        store.remove_left_behind()
+        return store
+    return PairStore.create(
+        out,
+        optics=config.bench.scope,
+        reference_intrinsics=reference_optics(config).intrinsics,
+        true_scope_from_reference=config.bench.scope_from_reference,
+        calibration=given or calibrate_bench(calibration_config(config), progress).stereo,
+        tissue_seed=config.tissue_of_pair,
+        split=config.split_of_pair,
+        tool_in_view=config.tool_in_view,
+        config=recipe,
+    )
+
+
+def _collect_with_processes(config: AcquisitionConfig, out: Path, tissues: Sequence[int], written: Callable[[], None]) -> None:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(config.workers, context, initializer=_follow_main_process) as pool:
+        waiting = {pool.submit(collect_tissue, config, out, tissue) for tissue in tissues}
+        try:
+            while waiting:
+                finished, waiting = wait(waiting, timeout=_POLL_S)
+                for job in finished:
+                    job.result()
+                written()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _follow_main_process() -> None:
+    """Let Ctrl-C end a worker at once and without a word, and let it not outlive a main process that was killed."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    threading.Thread(target=_end_with_main_process, daemon=True).start()
+
+
+def _end_with_main_process() -> None:
+    main = multiprocessing.parent_process()
+    if main is not None:
+        wait_for([main.sentinel])
+        os._exit(1)
+
+
+def calibration_config(config: AcquisitionConfig) -> CalibrationConfig:
+    """Return what is calibrated before a collection: both cameras and the transform, over the whole image."""
+    bench = replace(config.bench, reference=replace(config.bench.reference, region=None))
+    return CalibrationConfig(views=config.calibration_views, seed=config.seed, bench=bench, projector=False, hand_eye=False)
+
+
+def _file_hash(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,275 @@
+"""The bench's calibration as on a real bench, and how far it is from the truth, which only a simulator knows."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.assets.calibration_board import CalibrationBoard, blank_card
+from laploop.envs.sensors.reference.camera import ReferenceCamera
+from laploop.errors import InvalidValueError, check_range
+from laploop.perception.calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
+from laploop.perception.calibration.joint import JointCalibration, calibrate_jointly
+from laploop.perception.calibration.projector import CalibratedRig, ProjectorCalibration, calibrate_projector, calibrated_rig
+from laploop.perception.calibration.results import CameraCalibration, StereoCalibration, check_view_count
+from laploop.perception.calibration.solve import calibrate_camera
+from laploop.perception.geometry import invert_transform
+from laploop.studies.calibration.hand_eye_views import take_hand_eye_views
+from laploop.studies.calibration.views import (
+    BoardStand,
+    View,
+    between,
+    depth_slices,
+    draw_pose,
+    in_view,
+    is_lit,
+    take_view,
+)
+from laploop.studies.scenes.optical_bench import OpticalBench
+
+Array = NDArray[np.float64]
+Progress = Callable[[float], None]
+
+_FACTORY_DEPTHS_M = (0.45, 0.75)
+_OWN_TILT_DEG = 35.0
+_PAIR_TILT_DEG = 30.0
+_CARD_MM = 100.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationConfig:
+    """Which pictures are taken.
+
+    `views` counts the pictures of each step: the scope's own of the board; the reference camera's of a large board, which
+    stand for its maker's calibration; pairs that both cameras take; the card under the stripes, in the poses of the pairs;
+    and those at poses of the arm.
+    """
+
+    views: int = 20
+    """Pictures in each step."""
+    seed: int = 0
+    """Of the poses and the sensors' noise."""
+    bench: OpticalBench = field(default_factory=OpticalBench)
+    board: CalibrationBoard = field(
+        default_factory=lambda: CalibrationBoard(columns=10, rows=9, square_mm=5.0, border_mm=5.0, edge_mm=0.7)
+    )
+    """Of the scope and the pairs; 72 corners in the place of the 42 that squares of 7 mm give."""
+    factory_board: CalibrationBoard = field(
+        default_factory=lambda: CalibrationBoard(columns=11, rows=10, square_mm=22.0, border_mm=22.0, edge_mm=0.8)
+    )
+    """Of the reference camera's own pictures; fills its field."""
+    own_depths_m: tuple[float, float] = (0.065, 0.11)
+    """Nearest and farthest of the board in the scope's own pictures."""
+    pair_depths_m: tuple[float, float] = (0.07, 0.13)
+    """The same, from the scope, in the pairs."""
+    projector: bool = True
+    """Calibrate the projector as well."""
+    hand_eye: bool = True
+    """Calibrate the scope on the arm as well."""
+    joint_noise_rad: float = 0.0
+    """Standard deviation of the joint angles that the arm tells."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If there are too few views, or a number is out of range.
+        """
+        check_view_count(self.views)
+        if self.seed < 0:
+            raise InvalidValueError("seed", self.seed, "0 or more")
+        for name in ("own_depths_m", "pair_depths_m"):
+            near, far = getattr(self, name)
+            if not 0.03 <= near < far <= 0.3:
+                raise InvalidValueError(name, (near, far), "0.03 <= near < far <= 0.3")
+        check_range("joint_noise_rad", self.joint_noise_rad, 0.0, 0.1)
+
+    @property
+    def pictures(self) -> int:
+        """How many views are taken in all; the progress counts up to it."""
+        return self.views * (3 + self.projector + self.hand_eye)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class BenchCalibration:
+    """What the calibration found."""
+
+    config: CalibrationConfig
+    joint: JointCalibration
+    projector: ProjectorCalibration | None
+    rig: CalibratedRig | None
+    """The calibrated rig for estimators; with `projector`."""
+    hand_eye: HandEyeCalibration | None
+
+    @property
+    def stereo(self) -> StereoCalibration:
+        """Both cameras and the transform between them."""
+        return self.joint.stereo
+
+
+def calibrate_bench(config: CalibrationConfig, progress: Progress | None = None) -> BenchCalibration:
+    """Take all pictures and calibrate.
+
+    The scope's intrinsics come from its own close and tilted views together with the pairs, in one adjustment with the
+    transform; the reference camera's from its own large board, as its maker's would, and stay fixed in it. A pose whose board
+    is not found in a picture is replaced by another.
+
+    Args:
+        config: What to take.
+        progress: Told the number of views taken, up to `config.pictures`.
+
+    Raises:
+        InfeasibleError: If the board is too large for a picture or never found.
+    """
+    done = 0
+
+    def count() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(done)
+
+    # A source for each step, so that none depends on whether another is done.
+    own_rng, factory_rng, pair_rng, card_rng, arm_rng = np.random.default_rng(config.seed).spawn(5)
+    bench, board = config.bench, config.board
+    own = take_own_views(config, own_rng, count)
+    scope = calibrate_camera([view.corners[0] for view in own], board, width=bench.scope.width, height=bench.scope.height)
+    reference_camera = bench.reference_camera()
+    reference = _factory_calibration(config, reference_camera, factory_rng, count)
+    pairs = take_pairs(config, reference_camera, pair_rng, count)
+    joint = calibrate_jointly(
+        [view.corners[0] for view in own],
+        [view.corners[0] for view in pairs],
+        [view.corners[1] for view in pairs],
+        board,
+        scope=scope,
+        reference=reference,
+    )
+    calibrated = joint.stereo.scope
+    projector = _projector(config, pairs, joint, card_rng, count) if config.projector else None
+    hand_eye = None
+    if config.hand_eye:
+        views = take_hand_eye_views(
+            bench,
+            board,
+            config.views,
+            arm_rng,
+            depths_m=config.own_depths_m,
+            joint_noise_rad=config.joint_noise_rad,
+            progress=count,
+        )
+        hand_eye = calibrate_hand_eye(views.world_from_flange, views.corners, board, calibrated)
+    return BenchCalibration(
+        config=config,
+        joint=joint,
+        projector=projector,
+        rig=None if projector is None else calibrated_rig(calibrated, projector, bench.rig),
+        hand_eye=hand_eye,
+    )
+
+
+def take_own_views(config: CalibrationConfig, rng: np.random.Generator, count: Callable[[], None]) -> list[View]:
+    """Take the scope's own pictures of the board, close and tilted, in even light; poses are in its camera's frame."""
+    camera, board = config.bench.scope_camera(clear_mask=True), config.board
+    stand = BoardStand(board.surface(), [camera])
+
+    def picture(pose: Array) -> Sequence[NDArray[np.uint8]]:
+        stand.place(pose)
+        return [camera.capture(None, np.eye(4), rng).image]
+
+    views = []
+    for depths in depth_slices(config.own_depths_m, config.views):
+
+        def draw(depths: tuple[float, float] = depths) -> Array:
+            return draw_pose(
+                rng,
+                board,
+                camera.rig.camera,
+                depths_m=depths,
+                tilt_deg=_OWN_TILT_DEG,
+                seen=lambda pose: is_lit(pose, board, camera.rig),
+            )
+
+        views.append(take_view(draw, picture, board))
+        count()
+    return views
+
+
+def take_pairs(
+    config: CalibrationConfig, reference: ReferenceCamera, rng: np.random.Generator, count: Callable[[], None]
+) -> list[View]:
+    """Take pictures of the board with both cameras of the bench; corners of the scope come first, poses are in its frame."""
+    bench, board = config.bench, config.board
+    scope, mount, reference_mount = bench.scope_camera(clear_mask=True), bench.world_from_scope, bench.world_from_reference
+    reference_from_scope = invert_transform(bench.scope_from_reference)
+    stand = BoardStand(board.surface(), [scope, reference])
+
+    def picture(pose: Array) -> Sequence[NDArray[np.uint8]]:
+        stand.place(mount @ pose)
+        return [scope.capture(None, mount, rng).image, reference.capture(None, reference_mount, rng).rgba]
+
+    def seen(pose: Array) -> bool:
+        return is_lit(pose, board, scope.rig) and in_view(reference_from_scope @ pose, board, reference.intrinsics)
+
+    views = []
+    for depths in depth_slices(config.pair_depths_m, config.views):
+
+        def draw(depths: tuple[float, float] = depths) -> Array:
+            return draw_pose(
+                rng,
+                board,
+                scope.rig.camera,
+                depths_m=depths,
+                tilt_deg=_PAIR_TILT_DEG,
+                base=between(bench.scope_from_reference),
+                seen=seen,
+            )
+
+        views.append(take_view(draw, picture, board))
+        count()
+    return views
+
+
+def _factory_calibration(
+    config: CalibrationConfig, camera: ReferenceCamera, rng: np.random.Generator, count: Callable[[], None]
+) -> CameraCalibration:
+    """Calibrate the reference camera with a large board, as its maker does before it is sold."""
+    board, k = config.factory_board, camera.intrinsics
+    stand = BoardStand(board.surface(), [camera])
+
+    def picture(pose: Array) -> Sequence[NDArray[np.uint8]]:
+        stand.place(pose)
+        return [camera.capture(None, np.eye(4), rng).rgba]
+
+    corners = []
+    for depths in depth_slices(_FACTORY_DEPTHS_M, config.views):
+
+        def draw(depths: tuple[float, float] = depths) -> Array:
+            return draw_pose(rng, board, k, depths_m=depths, tilt_deg=_OWN_TILT_DEG)
+
+        corners.append(take_view(draw, picture, board).corners[0])
+        count()
+    return calibrate_camera(corners, board, width=k.width, height=k.height)
+
+
+def _projector(
+    config: CalibrationConfig,
+    pairs: Sequence[View],
+    joint: JointCalibration,
+    rng: np.random.Generator,
+    count: Callable[[], None],
+) -> ProjectorCalibration:
+    """Lay a blank card on the board in the poses of the pairs and take the stripes on it."""
+    camera, board = config.bench.scope_camera(), config.board
+    stand = BoardStand(blank_card(_CARD_MM, _CARD_MM), [camera])
+    board_from_card = np.eye(4)
+    board_from_card[:3, 3] = board.centre
+    images = []
+    for pair in pairs:
+        stand.place(pair.pose @ board_from_card)
+        images.append(camera.capture(None, np.eye(4), rng).image)
+        count()
+    poses = joint.scope_from_board @ board_from_card
+    half = 0.5e-3 * _CARD_MM
+    return calibrate_projector(images, list(poses), (half, half), joint.stereo.scope, config.bench.rig)

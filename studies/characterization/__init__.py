@@ -1,0 +1,1 @@
+"""Measures the stripes' contrast against distance."""

@@ -1,0 +1,1 @@
+"""Measures depth estimators on held-out tissues."""

@@ -1,0 +1,357 @@
+"""How well models do on frames of held-out tissues, against exact truth and against the reference camera."""
+
+import math
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import Progress
+
+from laploop.errors import InvalidValueError, check_range
+from laploop.perception.cramer_rao import CramerRaoBound, SensorNoise
+from laploop.perception.data.datasets import DepthDataset, open_dataset
+from laploop.perception.data.frame_store import SPLITS
+from laploop.perception.data.pair_store import PairStore
+from laploop.perception.estimators.base import DepthEstimator
+from laploop.perception.estimators.monocular import MonocularEstimator, fitted
+from laploop.perception.estimators.oracle import OracleEstimator
+from laploop.perception.estimators.registry import make_estimator
+from laploop.perception.geometry import Rig
+from laploop.perception.messages import DepthEstimate
+from laploop.perception.metrics import DepthErrors, bootstrap_interval
+from laploop.studies.depth.calibration_residual import CalibrationResidual
+from laploop.studies.depth.table import AGAINST, REFERENCE_ROW, DepthExample, DepthRow, DepthTable, write_table
+
+_SETS = {"exact": ("exact",), "zivid": ("zivid",), "both": ("zivid", "exact-at-zivid", "exact")}
+_KEPT_ESTIMATORS = 16
+"""Most rigs of a data set in which every frame has its own for which a model is kept ready."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthEvaluation:
+    """Which frames and pixels count, and against what."""
+
+    split: str = "test"
+    against: str = "exact"
+    """exact: exact depth, in the range of depth. zivid: the reference camera's reprojected depth, over its whole mask, which
+    is the paper's protocol. both: both, and exact depth over the mask, to tell whose the error is."""
+    nearest_mm: float = 60.0
+    farthest_mm: float = 140.0
+    """Pixels whose exact depth lies outside are left out of `exact`."""
+    bins_mm: tuple[float, ...] = (60.0, 80.0, 100.0, 120.0, 140.0)
+    """Edges of the bins of working distance, which is the median of a frame's exact depth."""
+    weights: dict[str, Path] = field(default_factory=dict)
+    """Replaces the shipped weights: pairs of a model's name and its file, or folder for dpt and depth-anything."""
+    residual_mm: float = 0.0
+    """Puts an error into the calibration and reprojects the reference camera's points anew, for `zivid` and `both`: the
+    translation is off by exactly this, in a direction that `residual_seed` draws."""
+    residual_deg: float = 0.0
+    """The rotation is off by exactly this, about an axis that `residual_seed` draws."""
+    residual_seed: int = 0
+    floor_rows: tuple[int, ...] = (1, 5)
+    """Heights in pixels of the windows, one period wide, whose photon floor is given; none leaves it out."""
+    sensor: SensorNoise = field(default_factory=SensorNoise)
+    """The sensor that the floor assumes."""
+    resamples: int = 1000
+    """Draws of the bootstrap over tissues."""
+    bootstrap_seed: int = 0
+    examples: int = 5
+    """Frames kept for the figures."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If a field lies outside its range.
+        """
+        if self.split not in SPLITS:
+            raise InvalidValueError("split", self.split, f"one of {', '.join(SPLITS)}")
+        if self.against not in _SETS:
+            raise InvalidValueError("against", self.against, f"one of {', '.join(_SETS)}")
+        if not 0.0 < self.nearest_mm < self.farthest_mm:
+            raise InvalidValueError("nearest_mm and farthest_mm", (self.nearest_mm, self.farthest_mm), "0 < nearest < farthest")
+        if len(self.bins_mm) < 2 or list(self.bins_mm) != sorted(set(self.bins_mm)):
+            raise InvalidValueError("bins_mm", self.bins_mm, "two or more rising edges")
+        if not all(1 <= rows <= 64 for rows in self.floor_rows):
+            raise InvalidValueError("floor_rows", self.floor_rows, "integers from 1 to 64")
+        residual = CalibrationResidual(mm=self.residual_mm, deg=self.residual_deg, seed=self.residual_seed)
+        if not residual.nothing and self.against == "exact":
+            sizes = (self.residual_mm, self.residual_deg)
+            raise InvalidValueError("residual_mm and residual_deg", sizes, "0 against exact depth; choose zivid or both")
+        check_range("resamples", self.resamples, 1, 1_000_000)
+        check_range("bootstrap_seed", self.bootstrap_seed, 0, 2**63)
+        check_range("examples", self.examples, 0, 20)
+
+    @property
+    def residual(self) -> CalibrationResidual:
+        """The error that is put into the calibration."""
+        return CalibrationResidual(mm=self.residual_mm, deg=self.residual_deg, seed=self.residual_seed)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Truth:
+    """What one frame's estimates are measured against."""
+
+    against: str
+    depth_mm: NDArray[np.float32]
+    mask: NDArray[np.bool_]
+
+
+def evaluate_depth(
+    dataset: Path,
+    models: Sequence[str],
+    out: Path | None = None,
+    *,
+    config: DepthEvaluation | None = None,
+    progress: bool = True,
+) -> DepthTable:
+    """Run models by name over a split of a data set; with `out`, write the table there as JSON, CSV and Markdown.
+
+    Raises:
+        InvalidValueError: If no model is named, the split has no frame, or the data set has no reference camera.
+        UnknownNameError: If a model's name is unknown.
+        MissingFileError: If the data set or a model's weights are missing.
+        OutputError: If `out` cannot be written.
+    """
+    chosen = config or DepthEvaluation()
+    if not models or len(set(models)) != len(models):
+        raise InvalidValueError("models", list(models), "one name or more, each once")
+    strangers = set(chosen.weights) - set(models)
+    if strangers:
+        raise InvalidValueError("weights for", sorted(strangers), f"models that are evaluated: {', '.join(models)}")
+    data = open_dataset(dataset)
+    if chosen.against != "exact" and not isinstance(data, PairStore):
+        raise InvalidValueError("against", chosen.against, f"exact: the data set {dataset} has no reference camera")
+    indices = data.indices(chosen.split)
+    estimators = EstimatorCache(models, chosen.weights)
+    # All are made before any work starts, so that what is missing is said at once.
+    estimators.all(data.rig(int(indices[0])))
+    evaluation = _Evaluation(data, chosen, indices)
+    shown = set(_example_indices(data.tissue_seed[indices], indices, chosen.examples))
+    with Progress(console=Console(stderr=True), disable=not progress) as bar:
+        task = bar.add_task("evaluating", total=len(indices))
+        for index in map(int, indices):
+            evaluation.count(index, estimators.all(data.rig(index)), keep=index in shown)
+            bar.update(task, advance=1)
+    table = DepthTable(
+        dataset=dataset.name,
+        config=chosen,
+        tissues=len(evaluation.tissues),
+        frames=len(indices),
+        rows=tuple(evaluation.rows()),
+        median_ms={name: float(np.median(times)) for name, times in evaluation.times_ms.items()},
+        examples=tuple(evaluation.examples),
+    )
+    if out is not None:
+        write_table(table, out)
+    return table
+
+
+class EstimatorCache:
+    """The estimators of each rig, made when it is first met and kept for the last ones."""
+
+    def __init__(self, names: Sequence[str], weights: Mapping[str, Path] | None = None) -> None:
+        """Say which estimators, and which weights replace the shipped ones."""
+        self._names = tuple(names)
+        self._weights = dict(weights or {})
+        self._by_rig: dict[Rig, dict[str, DepthEstimator]] = {}
+
+    def all(self, rig: Rig) -> dict[str, DepthEstimator]:
+        """Return the estimators of a rig, by name."""
+        if rig not in self._by_rig:
+            if len(self._by_rig) >= _KEPT_ESTIMATORS:
+                del self._by_rig[next(iter(self._by_rig))]
+            self._by_rig[rig] = {name: make_estimator(name, rig, self._weights.get(name)) for name in self._names}
+        return self._by_rig[rig]
+
+
+class _Evaluation:
+    """Adds up the errors of all models, by truth, bin of distance and tissue."""
+
+    def __init__(self, data: DepthDataset, config: DepthEvaluation, indices: NDArray[np.intp]) -> None:
+        self._data, self._config = data, config
+        self.tissues, tissue = np.unique(data.tissue_seed[indices], return_inverse=True)
+        self._tissue = dict(zip(map(int, indices), map(int, tissue), strict=True))
+        self._bins = ["all", *(f"{low:g}-{high:g}" for low, high in pairwise(config.bins_mm))]
+        self._sums: dict[tuple[str, str], NDArray[np.float64]] = {}
+        self._counted: dict[tuple[str, str], NDArray[np.float64]] = {}
+        self._frames = np.zeros(len(self._bins), dtype=np.intp)
+        self._floors: dict[Rig, CramerRaoBound] = {}
+        self.times_ms: dict[str, list[float]] = {}
+        self.examples: list[DepthExample] = []
+        if isinstance(data, PairStore):
+            self._scope_from_reference = config.residual.apply(data.calibration.scope_from_reference)
+
+    def count(self, index: int, estimators: Mapping[str, DepthEstimator], *, keep: bool) -> None:
+        """Measure all models on one frame, and keep it for the figures if asked to."""
+        data = self._data
+        image, exact = data.image(index), data.depth_mm(index)
+        distance = float(np.nanmedian(exact)) if np.isfinite(exact).any() else math.nan
+        places = self._places(distance)
+        self._frames[places] += 1
+        truths = list(self._truths(index, exact))
+        sigma_mm = self._floor_mm(index, image, exact) if self._config.floor_rows else None
+        predictions = {name: self._predict(name, estimator, image, exact, truths) for name, estimator in estimators.items()}
+        for number, truth in enumerate(truths):
+            estimates = {row: versions[number] for found in predictions.values() for row, versions in found.items()}
+            for row, estimate in estimates.items():
+                self._add(row, truth, estimate, index, places)
+            if truth.against == "exact-at-zivid":
+                reference = truths[0].depth_mm
+                seen = DepthEstimate(depth_mm=np.nan_to_num(reference), valid=np.isfinite(reference))
+                self._add(REFERENCE_ROW, truth, seen, index, places)
+            if sigma_mm is not None:
+                self._add_floors(index, truth, sigma_mm, places)
+            if keep and number == 0:
+                self.examples.append(
+                    DepthExample(
+                        index=index,
+                        against=truth.against,
+                        image=image,
+                        truth_mm=truth.depth_mm,
+                        mask=truth.mask,
+                        estimates=estimates,
+                    )
+                )
+
+    def rows(self) -> Iterator[DepthRow]:
+        """Return the lines of the table."""
+        order = list(AGAINST)
+        for model, against in sorted(self._sums, key=lambda key: order.index(key[1])):
+            sums, counted = self._sums[model, against], self._counted[model, against]
+            for place, name in enumerate(self._bins):
+                # Every line starts from the same state, so that all models meet the same draws of tissues.
+                draws = [np.random.default_rng(self._config.bootstrap_seed) for _ in range(2)]
+                every, valid = (DepthErrors(sums=sums[place, which].sum(axis=0)).metrics() for which in range(2))
+                intervals = [
+                    bootstrap_interval(sums[place, which], draws[which], resamples=self._config.resamples) for which in range(2)
+                ]
+                yield DepthRow(
+                    model=model,
+                    against=against,
+                    working_distance_mm=name,
+                    frames=int(self._frames[place]),
+                    valid_share=valid.pixels / max(1.0, counted[place]),
+                    every=every,
+                    every_interval=intervals[0],
+                    valid=valid,
+                    valid_interval=intervals[1],
+                    note=_note(model, self._config),
+                )
+
+    def _places(self, working_distance_mm: float) -> list[int]:
+        place = int(np.searchsorted(self._config.bins_mm, working_distance_mm, side="right"))
+        return [0, place] if 1 <= place < len(self._bins) else [0]
+
+    def _truths(self, index: int, exact: NDArray[np.float32]) -> Iterator[_Truth]:
+        wanted = _SETS[self._config.against]
+        if "zivid" in wanted and isinstance(self._data, PairStore):
+            if self._config.residual.nothing:
+                reference = self._data.reference_depth_mm(index)
+            else:
+                reference = self._data.reproject_with(index, self._scope_from_reference).depth_mm
+            seen = np.isfinite(reference)
+            yield _Truth(against="zivid", depth_mm=reference, mask=seen)
+            if "exact-at-zivid" in wanted:
+                yield _Truth(against="exact-at-zivid", depth_mm=exact, mask=seen & np.isfinite(exact))
+        if "exact" in wanted:
+            in_range = (exact >= self._config.nearest_mm) & (exact <= self._config.farthest_mm)
+            yield _Truth(against="exact", depth_mm=exact, mask=in_range)
+
+    def _predict(
+        self,
+        name: str,
+        estimator: DepthEstimator,
+        image: NDArray[np.uint8],
+        exact: NDArray[np.float32],
+        truths: Sequence[_Truth],
+    ) -> dict[str, list[DepthEstimate]]:
+        """Return a model's rows: for each its estimate by truth."""
+        if isinstance(estimator, OracleEstimator):
+            estimator.see_truth(exact)
+        began = time.perf_counter()
+        if isinstance(estimator, MonocularEstimator):
+            relative = estimator.relative_inverse_depth(image)
+            raw = estimator.stretched(relative)
+            versions = {
+                f"{name} raw": [raw] * len(truths),
+                f"{name} fitted": [
+                    fitted(relative, truth.depth_mm, truth.mask) if truth.mask.sum() > 1 else raw for truth in truths
+                ],
+            }
+        else:
+            versions = {name: [estimator.estimate(image)] * len(truths)}
+        self.times_ms.setdefault(name, []).append(1e3 * (time.perf_counter() - began))
+        return versions
+
+    def _add(self, model: str, truth: _Truth, estimate: DepthEstimate, index: int, places: Sequence[int]) -> None:
+        every, valid = DepthErrors(), DepthErrors()
+        every.add(estimate.depth_mm, truth.depth_mm, truth.mask)
+        valid.add(estimate.depth_mm, truth.depth_mm, truth.mask & estimate.valid)
+        self._put(model, truth, (every, valid), index, places)
+
+    def _floor_mm(self, index: int, image: NDArray[np.uint8], exact: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return the floor of a window on one row, NaN where the stripes cannot be read."""
+        rig = self._data.rig(index)
+        if rig not in self._floors:
+            self._floors = {rig: CramerRaoBound(rig, self._config.sensor)}
+        return np.where(self._data.lit(index), self._floors[rig].sigma_mm(image, exact), np.nan)
+
+    def _add_floors(self, index: int, truth: _Truth, sigma_mm: NDArray[np.float64], places: Sequence[int]) -> None:
+        for rows in self._config.floor_rows:
+            errors = DepthErrors()
+            # Rows are independent: so many times the information.
+            errors.add_expected(sigma_mm / math.sqrt(rows), truth.depth_mm, truth.mask & np.isfinite(sigma_mm))
+            self._put(floor_name(rows), truth, (errors, errors), index, places)
+
+    def _put(
+        self, model: str, truth: _Truth, errors: tuple[DepthErrors, DepthErrors], index: int, places: Sequence[int]
+    ) -> None:
+        key = model, truth.against
+        sums = self._sums.setdefault(key, np.zeros((len(self._bins), 2, len(self.tissues), 8)))
+        counted = self._counted.setdefault(key, np.zeros(len(self._bins)))
+        for place in places:
+            for which, part in enumerate(errors):
+                sums[place, which, self._tissue[index]] += part.sums
+            counted[place] += truth.mask.sum()
+
+
+def floor_name(rows: int) -> str:
+    """Return what the photon floor's line is called."""
+    return f"photon floor, {rows} row{'s' if rows > 1 else ''}"
+
+
+def _note(model: str, config: DepthEvaluation) -> str:
+    if model.startswith("photon floor"):
+        sensor = config.sensor
+        return (
+            "what an unbiased estimate of a sine's phase from a window of one period on "
+            f"{model.removeprefix('photon floor, ')} would score with a sensor of {sensor.full_well_electrons:g} electrons "
+            f"full well, {sensor.read_noise_electrons:g} electrons read noise and {sensor.bits} bits (Cramér-Rao); all columns "
+            "are over the pixels where the stripes can be read, whose share is given"
+        )
+    if model == REFERENCE_ROW:
+        return "the reference camera's reprojected depth itself"
+    if model.endswith(" raw"):
+        return "inverse depth up to scale and shift, stretched to 60-140 mm without any truth"
+    if model.endswith(" fitted"):
+        return "scale and shift fitted to each image's truth by least squares in inverse depth, on the pixels that count"
+    return ""
+
+
+def _example_indices(tissue_seed: NDArray[np.int64], indices: NDArray[np.intp], count: int) -> list[int]:
+    """Choose frames spread over tissues and, within them, over the order in which they were taken."""
+    tissues = np.unique(tissue_seed)
+    chosen: list[int] = []
+    for number in range(count):
+        own = indices[tissue_seed == tissues[int((number + 0.5) / count * len(tissues))]]
+        # Multiples of the golden ratio spread evenly, however many there are.
+        frame = int(own[int(math.modf(0.35 + 0.618034 * number)[0] * len(own))])
+        if frame not in chosen:
+            chosen.append(frame)
+    return chosen

@@ -1,0 +1,1 @@
+"""Runs many episodes, and tells them in tables and figures."""

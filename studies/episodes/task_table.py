@@ -1,0 +1,148 @@
+"""The table of tasks: campaigns of episodes, measured against what is asked of them."""
+
+import csv
+import io
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from laploop.envs.episode import EpisodeConfig
+from laploop.errors import OutputError, UnknownNameError, check_range
+from laploop.studies.episodes.task_campaigns import CAMPAIGNS, Campaign
+from laploop.studies.episodes.trials import Row, TrialsConfig, run_trials
+
+MET = {None: "", True: "yes", False: "no"}
+"""What is said of a number; nothing where nothing is asked."""
+
+_COLUMNS = ("campaign", "episodes", "success_rate", "name", "unit", "statistic", "value", "min", "max", "missing", "bar", "met")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskTableConfig:
+    """Which campaigns to run, and how many episodes of each."""
+
+    seeds: int = 30
+    """Episodes of a campaign."""
+    first_seed: int = 0
+    """Seed of the first of them."""
+    workers: int = 1
+    """Processes that run episodes at the same time."""
+    only: tuple[str, ...] = ()
+    """Names of campaigns; all if none is given."""
+
+    def __post_init__(self) -> None:
+        """Check numbers and names.
+
+        Raises:
+            InvalidValueError: If a number is out of range.
+            UnknownNameError: If there is no such campaign.
+        """
+        check_range("seeds", self.seeds, 1, 100_000)
+        check_range("first_seed", self.first_seed, 0, 2**31 - 1 - self.seeds)
+        check_range("workers", self.workers, 1, 1024)
+        names = [campaign.name for campaign in CAMPAIGNS]
+        for name in self.only:
+            if name not in names:
+                raise UnknownNameError("campaign", name, names)
+
+    def campaigns(self) -> tuple[Campaign, ...]:
+        """Return the chosen campaigns in the order of the table."""
+        return tuple(campaign for campaign in CAMPAIGNS if not self.only or campaign.name in self.only)
+
+
+def run_task_table(
+    config: TaskTableConfig,
+    out: Path,
+    progress: Callable[[float], None] | None = None,
+    campaigns: Sequence[Campaign] | None = None,
+    run: Callable[[EpisodeConfig], Row] | None = None,
+) -> dict[str, list[Row]]:
+    """Run the episodes of the campaigns that have no row yet, and return the rows of each campaign.
+
+    A finished episode is kept in `out/CAMPAIGN/rows`, as `laploop.studies.episodes.trials.run_trials` keeps it.
+
+    Args:
+        config: How many.
+        out: An existing folder.
+        progress: Called with the number of rows that are there.
+        campaigns: Used in place of those that the config chooses.
+        run: Runs one episode; must be picklable with more than one worker.
+
+    Raises:
+        LaploopError: If something is wrong that every episode would meet.
+        SimulationError: If a worker process died.
+        OutputError: If a folder cannot be made.
+    """
+    found: dict[str, list[Row]] = {}
+    for number, campaign in enumerate(config.campaigns() if campaigns is None else campaigns):
+        folder = out / campaign.name
+        try:
+            folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"cannot write {folder}: {error.strerror}") from error
+        trials = TrialsConfig(
+            episode=replace(campaign.episode, seed=config.first_seed), seeds=config.seeds, workers=config.workers
+        )
+
+        def advance(rows: float, before: int = number * config.seeds) -> None:
+            if progress is not None:
+                progress(before + rows)
+
+        found[campaign.name] = run_trials(trials, folder, advance, run)
+    return found
+
+
+def summarise_tasks(rows: Mapping[str, Sequence[Row]], campaigns: Sequence[Campaign] = CAMPAIGNS) -> dict[str, Any]:
+    """Return a line for each campaign that was run, in the order of the table, and whether all is as asked."""
+    lines = [campaign.result(rows[campaign.name], rows) for campaign in campaigns if campaign.name in rows]
+    return {"campaigns": lines, "met": all(line["met"] for line in lines)}
+
+
+def table_csv(summary: Mapping[str, Any]) -> str:
+    """Write one line a number as CSV."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=_COLUMNS, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    for line in summary["campaigns"]:
+        for check in line["checks"]:
+            writer.writerow({**line, **check, **(check["spread"] or {})})
+    return text.getvalue()
+
+
+def table_markdown(summary: Mapping[str, Any]) -> str:
+    """Write the numbers of every campaign as Markdown, with what is asked."""
+    lines = ["# Tasks", ""]
+    for line in summary["campaigns"]:
+        low, high = line["success_interval_95"]
+        prediction = "" if line["prediction"] is None else f", prediction {line['prediction']}"
+        lines += [
+            f"## {line['campaign']}",
+            "",
+            f"{line['task']}, {line['perception']}, {line['motion']}, {line['actuation']}{prediction}.",
+            *([f"{line['about'][:1].upper()}{line['about'][1:]}."] if line["about"] else []),
+            f"Success {100 * line['success_rate']:.1f} % of {line['episodes']} (95 %: {100 * low:.1f} to {100 * high:.1f} %).",
+            *([f"{line['errors']} could not be run."] if line["errors"] else []),
+            "",
+            "| what | how | measured | episodes from | to | asked | met |",
+            "|---|---|---|---|---|---|---|",
+        ]
+        for check in line["checks"]:
+            spread = check["spread"] or {"min": None, "max": None}
+            missing = f" ({check['missing']} without)" if check["missing"] else ""
+            lines.append(
+                f"| {check['name']} | {check['statistic']} | {quantity(check)}{missing} | {number(spread['min'])} "
+                f"| {number(spread['max'])} | {check['bar']} | {MET[check['met']]} |"
+            )
+        lines.append("")
+    return "\n".join(lines)
+
+
+def quantity(check: Mapping[str, Any]) -> str:
+    """Return a measured number with its unit."""
+    return f"{number(check['value'])} {check['unit']}".strip()
+
+
+def number(value: float | None) -> str:
+    """Return a number with three figures; a dash for what was not measured."""
+    return "-" if value is None else f"{value:.3g}"

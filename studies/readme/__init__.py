@@ -1,0 +1,1 @@
+"""Turns committed results into pages."""

@@ -1,0 +1,1 @@
+"""Times stages, models and whole loops."""

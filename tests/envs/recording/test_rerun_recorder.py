@@ -1,0 +1,332 @@
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from laploop.assets.scope_optics import ScopeOptics
+from laploop.envs.recording.recorder import CompositeRecorder, DepthRecord, FrameRecord, NullRecorder, TickRecord
+from laploop.envs.recording.rerun_recorder import DEPTH_UNITS_PER_M, RerunRecorder
+from laploop.envs.recording.rerun_scene import VertexNormals
+from laploop.errors import InvalidValueError, OutputError
+from laploop.perception.geometry import Rig
+from laploop.perception.messages import DepthEstimate, DepthFrame, StripeFrame
+
+RIG = Rig.from_optics(ScopeOptics(width=32, height=32))
+PERIOD_NS = 40_000_000
+SCENE = """
+<mujoco>
+  <asset><mesh name="link" vertex="0 0 0  .1 0 0  0 .1 0  0 0 .1"/></asset>
+  <worldbody>
+    <geom name="floor" type="plane" size="1 1 .1" group="2"/>
+    <geom name="wall" type="box" size=".3 .3 .001" pos="0 0 .3" rgba=".9 .7 .6 .3" group="2"/>
+    <body name="camera_arm/link" pos="-.3 0 .3">
+      <joint axis="0 0 1"/>
+      <geom name="camera_arm/link" type="mesh" mesh="link" group="2"/>
+      <geom name="camera_arm/shaft" type="cylinder" size=".006 .2" group="2"/>
+    </body>
+    <body name="tool_arm/tip" pos=".05 0 .1">
+      <joint type="slide" axis="0 0 1"/>
+      <geom name="tool_arm/shaft" type="capsule" size=".0025 .1" group="1"/>
+      <geom name="tool_arm/ball" type="sphere" size=".0015" group="1"/>
+      <geom name="tool_arm/hull" type="box" size=".1 .1 .1" group="3"/>
+    </body>
+    <body name="stage/plate"><geom name="stage/plate" type="box" size=".1 .1 .005" group="1"/></body>
+  </worldbody>
+</mujoco>
+"""
+
+
+class SmallTheatre:
+    """The part of a theatre that a recorder reads, small enough to compile in no time."""
+
+    def __init__(self):
+        self.model = mujoco.MjModel.from_xml_string(SCENE)
+        self.data = mujoco.MjData(self.model)
+        self.points = np.array([[0.0, 0.0, 0.03], [0.1, 0.0, 0.03], [0.1, 0.1, 0.03], [0.0, 0.1, 0.03]])
+        triangles = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+        self.tissue = SimpleNamespace(surface_points=lambda: self.points, triangles=triangles)
+        self.camera_arm = SimpleNamespace(name="camera_arm", trocar_in_world=np.array([0.0, 0.0, 0.3]))
+        self.tool_arm = SimpleNamespace(name="tool_arm", trocar_in_world=np.array([0.2, 0.0, 0.3]))
+        self.move(0)
+
+    def move(self, index):
+        self.points[:, 2] = 0.03 + 0.001 * index
+        self.data.qpos[:] = [0.1 * index, -0.001 * index]
+        mujoco.mj_forward(self.model, self.data)
+
+
+def frame_record(index, depth_mm=90.0):
+    size = (RIG.camera.height, RIG.camera.width)
+    times = {"index": index, "captured_ns": index * PERIOD_NS, "available_ns": index * PERIOD_NS}
+    exact = np.full(size, depth_mm, np.float32)
+    exact[0] = np.nan
+    frame = StripeFrame(image=np.full(size, index, np.uint8), world_from_camera=world_from_camera(), **times)
+    return FrameRecord(now_ns=index * PERIOD_NS, frame=frame, exact_depth_mm=exact, object_id=np.ones(size, np.uint8))
+
+
+def depth_record(index, error_mm=1.0):
+    frame = frame_record(index)
+    valid = np.isfinite(frame.exact_depth_mm)
+    valid[:, 0] = False
+    estimate = DepthEstimate(depth_mm=np.nan_to_num(frame.exact_depth_mm) + np.float32(error_mm), valid=valid)
+    captured_ns = frame.now_ns
+    depth = DepthFrame(
+        index=index,
+        estimate=estimate,
+        captured_ns=captured_ns,
+        available_ns=captured_ns + PERIOD_NS,
+        world_from_camera=world_from_camera(),
+    )
+    return DepthRecord(
+        now_ns=captured_ns + PERIOD_NS,
+        depth=depth,
+        stripes=frame.frame.image,
+        exact_depth_mm=frame.exact_depth_mm,
+        tissue=np.isfinite(frame.exact_depth_mm),
+    )
+
+
+def tick_record(index):
+    return TickRecord(
+        now_ns=index * 8_000_000,
+        target_error_mm=10.0 / (1 + index),
+        target_in_world=np.array([0.0, 0.0, 0.03 + 1e-4 * index]),
+        rcm_error_mm={"camera": 0.01, "tool": 0.02},
+        port_force_n={"camera": 0.02, "tool": 0.04 * index},
+        contact_force_n=0.1 * index,
+        depth_age_ms=None if index < 10 else 48.0,
+        stage_ms={"physics": 2.0, "control": 0.3},
+    )
+
+
+def world_from_camera():
+    pose = np.diag([1.0, -1.0, -1.0, 1.0])
+    pose[2, 3] = 0.12
+    return pose
+
+
+def record_episode(path, frames=4, **options):
+    theatre = SmallTheatre()
+    with RerunRecorder(path, **options) as recorder:
+        recorder.begin(theatre, RIG)
+        for index in range(frames):
+            theatre.move(index)
+            recorder.frame(frame_record(index))
+            for number in range(5 * index, 5 * index + 5):
+                recorder.tick(tick_record(number))
+            if index:
+                recorder.depth(depth_record(index - 1))
+    return theatre
+
+
+def chunks_of(path):
+    return RrdReader(path).stream().to_chunks()
+
+
+def column(path, entity, name):
+    """Return times in ns and values of one component of an entity, over all chunks, in the order of time."""
+    rows = []
+    for chunk in chunks_of(path):
+        if chunk.entity_path == entity and not chunk.is_static:
+            batch = chunk.to_record_batch()
+            if name in batch.schema.names:
+                times = batch.column("sim_time").cast("int64").to_pylist()
+                rows += zip(times, batch.column(name).to_pylist(), strict=True)
+    return sorted(rows, key=lambda row: row[0])
+
+
+def test_every_promised_entity_is_in_the_recording(tmp_path):
+    record_episode(tmp_path / "episode.rrd")
+    entities = {chunk.entity_path for chunk in chunks_of(tmp_path / "episode.rrd")}
+    assert {
+        "/world/camera_arm/link",
+        "/world/camera_arm/link/shaft",
+        "/world/tool_arm/tip",
+        "/world/tool_arm/tip/ball",
+        "/world/stage/plate/plate",
+        "/world/theatre/wall",
+        "/world/trocars/camera_arm",
+        "/world/trocars/tool_arm",
+        "/world/tissue",
+        "/world/surface",
+        "/world/camera",
+        "/world/target",
+        "/scope/image/stripes",
+        "/scope/image/depth",
+        "/scope/image/truth",
+        "/scope/image/error",
+        "/plots/target_error_mm/target",
+        "/plots/rcm_error_mm/camera",
+        "/plots/rcm_error_mm/tool",
+        "/plots/port_force_n/camera",
+        "/plots/port_force_n/tool",
+        "/plots/force_n/force",
+        "/plots/depth_age_ms/age",
+        "/plots/stage_ms/physics",
+    } <= entities
+
+
+def test_collision_geoms_and_planes_are_not_drawn(tmp_path):
+    record_episode(tmp_path / "episode.rrd")
+    entities = {chunk.entity_path for chunk in chunks_of(tmp_path / "episode.rrd")}
+    assert not {entity for entity in entities if "hull" in entity or "floor" in entity}
+
+
+def test_recording_carries_a_blueprint(tmp_path):
+    record_episode(tmp_path / "episode.rrd")
+    assert len(RrdReader(tmp_path / "episode.rrd").blueprints()) == 1
+
+
+def test_earlier_frames_keep_the_tissue_they_were_recorded_with(tmp_path):
+    record_episode(tmp_path / "episode.rrd", frames=3)
+    positions = column(tmp_path / "episode.rrd", "/world/tissue", "Mesh3D:vertex_positions")
+    heights = [vertices[0][2] for _, vertices in positions]
+    assert heights == pytest.approx([0.030, 0.031, 0.032], abs=1e-8)  # metres, float32
+
+
+def test_poses_and_ticks_carry_their_simulated_times(tmp_path):
+    record_episode(tmp_path / "episode.rrd", frames=3)
+    poses = column(tmp_path / "episode.rrd", "/world/tool_arm/tip", "Transform3D:translation")
+    assert [time for time, _ in poses] == [0, PERIOD_NS, 2 * PERIOD_NS]
+    assert [pose[0][2] for _, pose in poses] == pytest.approx([0.100, 0.099, 0.098], abs=1e-8)
+    force = column(tmp_path / "episode.rrd", "/plots/force_n/force", "Scalars:scalars")
+    assert [time for time, _ in force] == [8_000_000 * index for index in range(15)]
+    assert [value[0] for _, value in force] == pytest.approx([0.1 * index for index in range(15)])
+
+
+def test_port_forces_are_recorded_where_there_are_any(tmp_path):
+    record_episode(tmp_path / "episode.rrd", frames=3)
+    forces = column(tmp_path / "episode.rrd", "/plots/port_force_n/tool", "Scalars:scalars")
+    assert [value[0] for _, value in forces] == pytest.approx([0.04 * index for index in range(15)])
+    with RerunRecorder(tmp_path / "bare.rrd") as recorder:
+        recorder.begin(SmallTheatre(), RIG)
+        recorder.tick(replace(tick_record(0), port_force_n={}))
+    assert not column(tmp_path / "bare.rrd", "/plots/port_force_n/tool", "Scalars:scalars")
+
+
+def test_age_is_absent_before_the_first_depth_frame(tmp_path):
+    record_episode(tmp_path / "episode.rrd", frames=3)
+    ages = column(tmp_path / "episode.rrd", "/plots/depth_age_ms/age", "Scalars:scalars")
+    assert [time for time, _ in ages] == [8_000_000 * index for index in range(10, 15)]
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+def test_stored_truth_is_exact_to_its_unit_and_zero_where_there_is_nothing(tmp_path, stride):
+    record_episode(tmp_path / "episode.rrd", frames=2, map_stride=stride)
+    ((time, buffers),) = column(tmp_path / "episode.rrd", "/scope/image/truth", "DepthImage:buffer")
+    stored = np.array(buffers[0], dtype=np.uint8).view(np.uint16).reshape(32 // stride, 32 // stride)
+    assert time == PERIOD_NS
+    assert not stored[0].any()
+    # 90 mm in whole units of 0.01 mm
+    assert (stored[1:] / DEPTH_UNITS_PER_M * 1000.0 == 90.0).all()
+
+
+def test_surface_points_lie_where_the_estimate_says(tmp_path):
+    record_episode(tmp_path / "episode.rrd", frames=2)
+    ((_, points),) = column(tmp_path / "episode.rrd", "/world/surface", "Points3D:positions")
+    # The camera looks down from 120 mm, the estimate is 91 mm everywhere; first row and column are not valid.
+    assert len(points) == 7 * 7
+    assert np.array(points)[:, 2] == pytest.approx(0.120 - 0.091, abs=1e-7)
+
+
+def test_nothing_has_the_final_name_before_close(tmp_path):
+    path = tmp_path / "episode.rrd"
+    recorder = RerunRecorder(path)
+    recorder.begin(SmallTheatre(), RIG)
+    recorder.frame(frame_record(0))
+    assert not path.exists()
+    recorder.close()
+    recorder.close()
+    assert [entry.name for entry in tmp_path.iterdir()] == ["episode.rrd"]
+
+
+def test_an_episode_that_fails_leaves_nothing(tmp_path):
+    def episode():
+        with RerunRecorder(tmp_path / "episode.rrd") as recorder:
+            recorder.begin(SmallTheatre(), RIG)
+            recorder.frame(frame_record(0))
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        episode()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_that_broke_off_is_refused(tmp_path):
+    recorder = RerunRecorder(tmp_path / "episode.rrd")
+    recorder.begin(SmallTheatre(), RIG)
+    recorder.frame(frame_record(0))
+    disconnect = recorder._stream.disconnect
+
+    def cut_off():
+        disconnect()
+        partial = tmp_path / ".episode.rrd.partial"
+        partial.write_bytes(partial.read_bytes()[:-100])
+
+    recorder._stream.disconnect = cut_off
+    with pytest.raises(OutputError, match="broke off"):
+        recorder.close()
+    assert not list(tmp_path.iterdir())
+
+
+def test_folder_that_cannot_be_written_is_named(tmp_path):
+    with pytest.raises(OutputError, match="no/such"):
+        RerunRecorder(tmp_path / "no/such/episode.rrd")
+
+
+def test_stride_below_one_is_refused(tmp_path):
+    with pytest.raises(InvalidValueError, match="map_stride is 0"):
+        RerunRecorder(tmp_path / "episode.rrd", map_stride=0)
+
+
+def test_record_before_begin_is_a_mistake(tmp_path):
+    with pytest.raises(RuntimeError, match="begin"), RerunRecorder(tmp_path / "episode.rrd") as recorder:
+        recorder.frame(frame_record(0))
+
+
+def test_composite_passes_everything_on_in_order():
+    calls = []
+
+    class Spy(NullRecorder):
+        def __init__(self, name):
+            self.name = name
+
+        def tick(self, record):
+            calls.append((self.name, "tick", record))
+
+        def close(self):
+            calls.append((self.name, "close"))
+
+    composite = CompositeRecorder([Spy("a"), Spy("b")])
+    record = tick_record(0)
+    composite.begin(SmallTheatre(), RIG)
+    composite.tick(record)
+    composite.frame(frame_record(0))
+    composite.depth(depth_record(0))
+    composite.close()
+    assert calls == [("a", "tick", record), ("b", "tick", record), ("a", "close"), ("b", "close")]
+
+
+def test_vertex_normals_of_a_tilted_square_are_those_of_its_plane():
+    tilt = 0.3
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, tilt], [0, 1, tilt]], dtype=np.float32)
+    normals = VertexNormals(np.array([[0, 1, 2], [0, 2, 3]]), 4)(points)
+    expected = np.array([0.0, -tilt, 1.0]) / np.hypot(tilt, 1.0)
+    assert normals == pytest.approx(np.tile(expected, (4, 1)), abs=1e-6)  # float32
+
+
+def test_error_is_nan_where_the_estimate_is_not_valid_or_not_on_tissue():
+    error = depth_record(0, error_mm=1.0).error_mm()
+    assert np.isnan(error[0]).all()
+    assert np.isnan(error[:, 0]).all()
+    assert (error[1:, 1:] == 1.0).all()
+
+
+def test_legend_names_the_colours(tmp_path):
+    record_episode(tmp_path / "episode.rrd")
+    (chunk,) = [chunk for chunk in chunks_of(tmp_path / "episode.rrd") if chunk.entity_path == "/legend"]
+    assert "red -3 mm (too near)" in json.dumps(chunk.to_record_batch().to_pydict(), default=str)

@@ -1,0 +1,116 @@
+import mujoco
+import numpy as np
+import pytest
+
+from laploop.envs.sensors.object_id import ObjectId
+from laploop.envs.sensors.tracing import primitives
+from laploop.envs.sensors.tracing.ray_scene import RayScene, open_device
+from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry, tissue_texture
+from laploop.errors import InvalidValueError
+
+TRIANGLE = {"points": np.eye(3), "triangles": np.array([[0, 1, 2]]), "object_ids": ObjectId.TISSUE}
+
+
+def volume(surface):
+    points, triangles = surface
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    return np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0
+
+
+@pytest.mark.parametrize(
+    ("surface", "expected"),
+    [
+        (primitives.sphere(0.01), 4.0 / 3.0 * np.pi * 0.01**3),
+        (primitives.ellipsoid(0.01, 0.02, 0.03), 4.0 / 3.0 * np.pi * 6e-6),
+        (primitives.capsule(0.003, 0.05), np.pi * 0.003**2 * 0.1 + 4.0 / 3.0 * np.pi * 0.003**3),
+        (primitives.cylinder(0.0025, 0.1), np.pi * 0.0025**2 * 0.2),
+        (primitives.box(0.01, 0.02, 0.03), 8.0 * 6e-6),
+    ],
+)
+def test_primitives_are_closed_and_face_outwards(surface, expected):
+    # A sag of 4 um on a radius of 2.5 mm costs 0.3 % of the volume.
+    assert volume(surface) == pytest.approx(expected, rel=0.005)
+    points, triangles = surface
+    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
+    keys = np.round(points, 9)
+    _, welded = np.unique(keys, axis=0, return_inverse=True)
+    _, counts = np.unique(np.sort(welded.ravel()[edges], axis=1), axis=0, return_counts=True)
+    assert (counts == 2).all()
+
+
+def test_normals_are_smooth_on_the_side_of_a_cylinder_and_sharp_at_its_ends():
+    points, triangles = primitives.cylinder(0.0025, 0.01)
+    scene = RayScene(SceneGeometry(points=points, triangles=triangles, object_ids=ObjectId.TOOL), open_device("cpu"))
+    normals = scene.normals.numpy()
+    axial = np.abs(normals[:, 2])
+    assert ((axial < 1e-4) | (axial > 1.0 - 1e-4)).all()
+    side = axial < 0.5
+    radial = points[side, :2] / np.linalg.norm(points[side, :2], axis=1, keepdims=True)
+    assert (np.sum(normals[side, :2] * radial, axis=1) > np.cos(np.radians(0.1))).all()
+
+
+def test_model_geoms_get_their_class_and_only_visible_ones_count():
+    xml = """
+    <mujoco>
+      <asset><mesh name="m" vertex="0 0 0  0.01 0 0  0 0.01 0  0 0 0.01"/></asset>
+      <worldbody>
+        <geom name="tool_arm/shaft" type="capsule" size="0.002 0.05" group="1"/>
+        <geom name="stage/plate" type="box" size="0.1 0.1 0.001" pos="0 0 -0.1" group="1"/>
+        <geom name="card" type="mesh" mesh="m" group="1"/>
+        <geom name="hidden" type="sphere" size="0.01" group="2"/>
+        <geom name="glass" type="sphere" size="0.01" rgba="1 1 1 0" group="1"/>
+      </worldbody>
+    </mujoco>"""
+    model = mujoco.MjModel.from_xml_string(xml)
+    scene = SceneGeometry.from_model(model)
+    assert set(scene.object_ids.tolist()) == {ObjectId.TOOL, ObjectId.STAGE, ObjectId.OTHER}
+    assert (scene.object_ids == ObjectId.STAGE).sum() == 12
+    assert (scene.object_ids == ObjectId.OTHER).sum() == 4
+    with pytest.raises(InvalidValueError, match="groups"):
+        SceneGeometry.from_model(model, groups=(5,))
+
+
+def test_geom_without_a_surface_is_refused_by_name():
+    xml = """
+    <mujoco><asset><hfield name="h" nrow="3" ncol="3" size="1 1 1 0.1"/></asset>
+      <worldbody><geom name="hills" type="hfield" hfield="h" group="1"/></worldbody></mujoco>"""
+    with pytest.raises(InvalidValueError, match="hills"):
+        SceneGeometry.from_model(mujoco.MjModel.from_xml_string(xml))
+
+
+def test_texture_is_seeded_smooth_and_around_one():
+    side = np.linspace(-0.06, 0.06, 61)
+    points = np.stack(np.meshgrid(side, side, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
+    first, again, other = (tissue_texture(points, np.random.default_rng(seed)) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).mean() > 0.02
+    assert first.mean() == pytest.approx(1.0, abs=0.1)
+    assert 0.04 < first.std() < 0.25
+    # Waves of at least 8 mm cannot turn over within the 2 mm between vertices.
+    assert np.abs(np.diff(first.reshape(61, 61), axis=0)).max() < 0.3
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"points": np.zeros((3, 2))}, "shape of points"),
+        ({"triangles": np.array([[0, 1, 3]])}, "triangles is"),
+        ({"triangles": np.zeros((0, 3), dtype=int)}, "shape of triangles"),
+        ({"points": np.full((3, 3), np.nan)}, "NaN"),
+        ({"object_ids": 0}, "object_ids"),
+        ({"object_ids": 9}, "object_ids"),
+        ({"object_ids": np.array([1, 1])}, "shape of object_ids"),
+        ({"albedo_factor": -1.0}, "albedo_factor"),
+    ],
+)
+def test_bad_arrays_are_refused(change, message):
+    with pytest.raises(InvalidValueError, match=message):
+        SceneGeometry(**{**TRIANGLE, **change})
+
+
+def test_points_can_be_moved_but_not_multiplied():
+    scene = SceneGeometry(**TRIANGLE)
+    scene.move(2.0 * np.eye(3))
+    np.testing.assert_array_equal(scene.points, 2.0 * np.eye(3, dtype=np.float32))
+    with pytest.raises(InvalidValueError, match="shape of points"):
+        scene.move(np.zeros((4, 3)))

@@ -1,0 +1,160 @@
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import laploop.envs  # noqa: F401  registers the environments
+from laploop.assets.phantom import TissueConfig
+from laploop.assets.tissue_shape import TissueShape
+from laploop.envs.loop.closed_loop import LoopConfig
+from laploop.envs.loop.latency import ConstantLatency
+from laploop.envs.tasks.reach import ReachConfig, ReachEnv
+from laploop.envs.theatre.organ_motion import BaseMotion
+from laploop.errors import InvalidValueError, SimulationError, UnknownNameError
+
+
+@pytest.fixture(scope="module")
+def env():
+    env = ReachEnv(ReachConfig(motion=BaseMotion.named("both"), max_seconds=0.4), perception="oracle")
+    yield env
+    env.close()
+
+
+def rollout(env, seed, steps=30):
+    observation, info = env.reset(seed=seed)
+    rng = np.random.default_rng(1)
+    trace = [observation]
+    for _ in range(steps):
+        observation, reward, *_, info = env.step(rng.uniform(-0.05, 0.05, 3).astype(np.float32))
+        trace.append(observation)
+    return trace, reward, info
+
+
+def test_the_registered_environment_passes_gymnasiums_checker_without_a_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        coarse = TissueConfig(shape=TissueShape(samples=31), cells=(4, 4))
+        made = gym.make("laploop/Reach-v0", config=ReachConfig(tissue=coarse), perception="oracle")
+        check_env(made.unwrapped, skip_render_check=True)
+        made.close()
+
+
+def test_the_same_seed_gives_the_same_bits(env):
+    first, first_reward, first_info = rollout(env, seed=5)
+    second, second_reward, second_info = rollout(env, seed=5)
+    for one, other in zip(first, second, strict=True):
+        for key, value in one.items():
+            np.testing.assert_array_equal(value, other[key], err_msg=key)
+    assert first_reward == second_reward
+    assert first_info["target_error_mm"] == second_info["target_error_mm"]
+
+
+def test_another_seed_gives_another_tissue_and_target(env):
+    first, _ = env.reset(seed=5)
+    second, _ = env.reset(seed=6)
+    assert not np.array_equal(first["stripes"], second["stripes"])
+    assert not np.array_equal(first["target_pixel"], second["target_pixel"])
+
+
+def test_an_episode_starts_with_a_depth_map_of_known_age(env):
+    observation, info = env.reset(seed=5)
+    # The first frame is captured at 0 and arrives after the default 40 ms.
+    assert info["depth_age_ms"] == 40.0
+    assert observation["depth_age_s"][0] == pytest.approx(0.04)
+    assert observation["depth_valid"].mean() > 0.9
+    seen = observation["depth_mm"][observation["depth_valid"] == 1]
+    assert 50.0 < np.median(seen) < 130.0
+
+
+def test_an_episode_without_latency_starts_at_once():
+    env = ReachEnv(ReachConfig(loop=LoopConfig(latency=ConstantLatency(latency_ns=0))), perception="oracle")
+    _, info = env.reset(seed=5)
+    env.close()
+    assert info["sim_s"] == info["depth_age_ms"] == info["contact_force_n"] == 0.0
+
+
+def test_the_tip_follows_the_action_along_the_cameras_axes(env):
+    for axis in range(3):
+        before, _ = env.reset(seed=7)
+        action = np.zeros(3, np.float32)
+        action[axis] = -0.02
+        for _ in range(20):
+            after, *_ = env.step(action)
+        moved = after["tip_position"] - before["tip_position"]
+        # 20 periods at 20 mm/s make 3.2 mm, less the start's acceleration and the servo's lag (below 0.5 mm).
+        assert moved[axis] == pytest.approx(-0.0032, abs=5e-4)
+        assert np.abs(np.delete(moved, axis)).max() < 5e-5
+
+
+def test_the_error_is_the_distance_from_an_ideal_touch(env):
+    env.reset(seed=5)
+    theatre = env.loop.theatre
+    distance = np.linalg.norm(theatre.tip_in_world() - env.target_in_world()) * 1e3
+    # An ideal touch lies one ball radius (1.5 mm) above the target point.
+    assert abs(env.target_error_mm() - distance) <= 1.5
+
+
+def test_the_target_is_the_tissue_under_the_chosen_pixel(env):
+    env.reset(seed=5, options={"target_pixel": (120, 140)})
+    camera = env.loop.rig.camera
+    captured = env.loop.first_captured
+    world_from_camera = captured.frame.world_from_camera
+    point_in_camera = camera.unproject(np.array([120.5, 140.5]), captured.truth.depth_mm[140, 120] * 1e-3)
+    expected = world_from_camera[:3, :3] @ point_in_camera + world_from_camera[:3, 3]
+    # The tissue has moved with the base since that frame, along the world's z alone.
+    offset = env.target_in_world() - expected
+    assert np.abs(offset[:2]).max() < 2e-5
+    assert abs(offset[2]) < 1e-3
+
+
+def test_time_truncates_and_a_finished_episode_refuses_to_go_on(env):
+    env.reset(seed=5)
+    truncated = False
+    while not truncated:
+        *_, terminated, truncated, info = env.step(np.zeros(3, np.float32))
+        assert not terminated
+    assert info["terminated_by"] == "time"
+    assert info["sim_s"] == pytest.approx(0.4)
+    with pytest.raises(SimulationError, match="call reset"):
+        env.step(np.zeros(3, np.float32))
+
+
+@pytest.mark.parametrize("action", [np.full(3, np.nan), np.zeros(2), np.zeros((3, 1)), np.array([0.0, np.inf, 0.0])])
+def test_impossible_actions_are_refused_before_anything_moves(env, action):
+    env.reset(seed=5)
+    before = env.loop.now_ns
+    with pytest.raises(InvalidValueError, match="action"):
+        env.step(action)
+    assert env.loop.now_ns == before
+
+
+def test_rewards_add_up_from_named_terms(env):
+    env.reset(seed=5)
+    _, reward, *_, info = env.step(np.array([0.01, 0.0, 0.0], np.float32))
+    assert reward == pytest.approx(sum(info["reward_terms"].values()))
+    assert set(info["reward_terms"]) == {"distance", "progress", "contact", "force", "effort", "success", "harm"}
+
+
+def test_bad_configurations_are_refused():
+    with pytest.raises(UnknownNameError, match=r"unknown estimator .magic.; available: .*oracle"):
+        ReachEnv(perception="magic")
+    with pytest.raises(InvalidValueError, match="max_seconds is 0"):
+        ReachConfig(max_seconds=0)
+    with pytest.raises(InvalidValueError, match=r"target_pixel is \(300, 2\)"):
+        ReachEnv(perception="oracle").reset(seed=0, options={"target_pixel": (300, 2)})
+
+
+def test_a_users_own_estimator_takes_part():
+    class Flat:
+        def estimate(self, image):
+            from laploop.perception.messages import DepthEstimate
+
+            return DepthEstimate(depth_mm=np.full(image.shape, 90.0, np.float32), valid=np.ones(image.shape, bool))
+
+    env = ReachEnv(perception=Flat())
+    observation, info = env.reset(seed=0)
+    env.close()
+    assert np.all(observation["depth_mm"] == 90.0)
+    assert info["depth_mae_mm"] > 1.0

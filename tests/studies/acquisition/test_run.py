@@ -1,0 +1,373 @@
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from laploop.assets.phantom import TissueConfig, TissueMaterial
+from laploop.assets.scope_optics import ScopeOptics
+from laploop.assets.stripe_mask import StripeMask
+from laploop.assets.tissue_shape import TissueShape
+from laploop.envs.sensors.reference.optics import ReferenceOptics
+from laploop.errors import InvalidValueError, MissingFileError, OutputError, SimulationError
+from laploop.perception.calibration.calibration_file import save_calibration
+from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
+from laploop.perception.data.datasets import open_dataset
+from laploop.perception.data.frame_store import FrameStore
+from laploop.perception.data.pair_store import PairStore
+from laploop.perception.geometry import Rig
+from laploop.perception.reprojection import BrownDistortion
+from laploop.studies.acquisition import run as acquisition
+from laploop.studies.acquisition.card import measure_pairs, summarise, write_card
+from laploop.studies.acquisition.check import check_pairs
+from laploop.studies.acquisition.config import AcquisitionConfig
+from laploop.studies.acquisition.run import collect_pairs
+from laploop.studies.scenes.optical_bench import OpticalBench
+
+SMALL = AcquisitionConfig(
+    pairs=7,
+    tissues=3,
+    workers=1,
+    tool_share=0.3,
+    seed=5,
+    bench=OpticalBench(
+        scope=ScopeOptics(width=64, height=64, mask=StripeMask(stripes=10)), reference=ReferenceOptics(sampling="4x4")
+    ),
+    tissue=TissueConfig(shape=TissueShape(samples=31), cells=(4, 4)),
+)
+
+
+def _calibration(bench):
+    """Return what a bench would find whose calibration were perfect."""
+
+    def camera(intrinsics):
+        return CameraCalibration(
+            intrinsics=intrinsics,
+            distortion=BrownDistortion(),
+            view_errors_px=(0.0,) * 5,
+            camera_from_board=np.stack([np.eye(4)] * 5),
+        )
+
+    return StereoCalibration(
+        scope=camera(bench.rig.camera),
+        reference=camera(bench.reference.intrinsics),
+        scope_from_reference=bench.scope_from_reference,
+        view_errors_px=(0.0,) * 5,
+    )
+
+
+@pytest.fixture(scope="module")
+def calibration(tmp_path_factory):
+    path = tmp_path_factory.mktemp("calibration") / "calibration.json"
+    save_calibration(path, _calibration(SMALL.bench))
+    return path
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory, calibration):
+    return PairStore.open(collect_pairs(SMALL, tmp_path_factory.mktemp("data") / "pairs", calibration=calibration))
+
+
+@pytest.fixture
+def copied(store, tmp_path):
+    shutil.copytree(store.path, tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+def _assert_same(path, store):
+    other = PairStore.open(path)
+    assert other.done().all()
+    for index in range(len(store)):
+        for name, values in vars(store.frame(index)).items():
+            np.testing.assert_array_equal(getattr(other.frame(index), name), values, err_msg=f"{name} of pair {index}")
+        assert other.metadata(index) == store.metadata(index)
+
+
+def test_every_planned_pair_is_done_and_no_tissue_is_in_two_splits(store):
+    assert store.done().all()
+    assert store.tissue_seed.tolist() == [0, 0, 0, 1, 1, 2, 2]
+    assert store.split.tolist() == [0, 0, 0, 1, 1, 2, 2]
+    assert [open_dataset(store.path).indices(split).tolist() for split in ("train", "val", "test")] == [
+        [0, 1, 2],
+        [3, 4],
+        [5, 6],
+    ]
+
+
+def test_distances_of_a_tissue_are_spread_over_the_range(store):
+    metadata = [store.metadata(index) for index in range(len(store))]
+    distances = [entry["commanded"]["working_distance_mm"] for entry in metadata]
+    assert 60.0 <= distances[0] <= 60.0 + 80.0 / 3.0 <= distances[1] <= 60.0 + 160.0 / 3.0 <= distances[2] <= 140.0
+    assert 60.0 <= distances[3] <= 100.0 <= distances[4] <= 140.0
+    exact = [np.nanmedian(store.depth_mm(index)) for index in range(len(store))]
+    # The view's middle is not the tissue's mean height: lobes and valleys are a centimetre, the stage lies 2 cm deeper.
+    np.testing.assert_allclose(exact, distances, atol=25.0)
+
+
+def test_reached_pose_is_the_commanded_one_within_the_repeatability(store):
+    errors = []
+    for index in range(len(store)):
+        metadata = store.metadata(index)
+        commanded, reached = (np.array(metadata[name]["world_from_stage"]) for name in ("commanded", "reached"))
+        errors.append(np.abs(reached[:3, 3] - commanded[:3, 3]).max())
+        assert metadata["surface_speed_mm_s"] < 0.1
+        assert metadata["settle_s"] > 0.0
+    assert min(errors) > 0.0
+    assert max(errors) < 5.0 * 5e-6  # metres, five standard deviations
+
+
+def test_reference_depth_of_a_perfect_calibration_is_the_exact_depth(store):
+    for index in range(len(store)):
+        difference = store.reference_depth_mm(index) - store.depth_mm(index)
+        both = np.isfinite(difference) & store.lit(index)
+        assert both.mean() > 0.5
+        # mm: the noise of a sparse cloud is 0.1, the camera's own scale error of 0.2 % at 600 mm up to 1.2.
+        assert np.median(np.abs(difference[both])) < 0.5
+
+
+def test_shadows_are_seen_surfaces_inside_the_field_that_are_not_lit(store):
+    half = SMALL.bench.scope.mask.half_width_tan
+    for index in range(len(store)):
+        frame = store.frame(index)
+        inside = (np.abs(frame.projector_x) <= half) & (np.abs(frame.projector_y) <= half)
+        np.testing.assert_array_equal(frame.shadow, inside & ~frame.lit)
+        assert not (frame.shadow & np.isnan(frame.depth_mm)).any()
+    assert any(store.shadow(index).any() for index in range(len(store)))
+
+
+def test_mask_coordinates_are_those_of_the_exact_depth(store):
+    rig = Rig.from_optics(SMALL.bench.scope)
+    expected = rig.projector_x(1e-3 * store.depth_mm(2).astype(np.float64))
+    np.testing.assert_allclose(store.projector_x(2), expected, atol=2e-6)  # tangent; single precision
+
+
+def test_exposure_leaves_frames_neither_dark_nor_burnt(store):
+    for index in range(len(store)):
+        image = store.image(index)
+        assert np.percentile(image, 99.0) > 25
+        assert (image == 255).mean() < 0.05
+
+
+def test_tool_is_in_view_where_it_was_planned(store):
+    assert store.tool_in_view.any()
+    assert not store.tool_in_view.all()
+    for index in range(len(store)):
+        assert (store.metadata(index)["tool"] is not None) == store.tool_in_view[index]
+
+
+def test_processes_make_the_same_pairs_as_one(store, tmp_path, calibration):
+    path = collect_pairs(replace(SMALL, workers=2), tmp_path / "pairs", calibration=calibration)
+    _assert_same(path, store)
+
+
+def test_pair_does_not_depend_on_those_before_it(store, tmp_path, calibration):
+    reports = []
+
+    class Interruption(Exception):  # noqa: N818 - stands for Ctrl-C
+        pass
+
+    def interrupt(count):
+        reports.append(count)
+        if count == 5:
+            raise Interruption
+
+    path = tmp_path / "pairs"
+    with pytest.raises(Interruption):
+        collect_pairs(SMALL, path, calibration=calibration, report=interrupt)
+    assert PairStore.open(path).count_done() == 5
+    for lost in ("1", "4"):
+        (path / "done" / "c" / lost).unlink()
+    collect_pairs(SMALL, path, calibration=calibration, report=reports.append)
+    assert reports == [0, 1, 2, 3, 4, 5, 3, 4, 5, 6, 7, 7]
+    _assert_same(path, store)
+
+
+_SCRIPT = """
+import sys
+from pathlib import Path
+from dataclasses import replace
+from importlib.util import module_from_spec, spec_from_file_location
+spec = spec_from_file_location("acquisition_plan", sys.argv[1])
+plan = module_from_spec(spec)
+spec.loader.exec_module(plan)
+if __name__ == "__main__":
+    config = replace(plan.SMALL, workers=int(sys.argv[4]))
+    plan.collect_pairs(config, Path(sys.argv[2]), calibration=Path(sys.argv[3]))
+"""
+
+
+def _start(script, path, calibration, workers):
+    command = [sys.executable, str(script), __file__, str(path), str(calibration), str(workers)]
+    return subprocess.Popen(command, stderr=subprocess.DEVNULL)  # noqa: S603 - our own script
+
+
+@pytest.mark.slow
+def test_killed_collection_goes_on_to_the_same_pairs(store, tmp_path, calibration):
+    script = tmp_path / "collect.py"
+    script.write_text(_SCRIPT)
+    path, rng = tmp_path / "pairs", np.random.default_rng(0)
+    for workers in (1, 2, 1):
+        before = PairStore.open(path).count_done() if path.exists() else 0
+        process = _start(script, path, calibration, workers)
+        deadline = time.monotonic() + 120.0
+        while not path.exists() or PairStore.open(path).count_done() <= before:
+            assert time.monotonic() < deadline
+            assert process.poll() is None
+            time.sleep(0.01)
+        time.sleep(float(rng.uniform(0.0, 0.3)))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        # Workers notice the end of the main process by themselves.
+        time.sleep(0.5)
+        counted = PairStore.open(path).count_done()
+        time.sleep(1.0)
+        assert PairStore.open(path).count_done() == counted
+    collect_pairs(SMALL, path, calibration=calibration)
+    _assert_same(path, store)
+    assert check_pairs(path).passed
+
+
+@pytest.mark.slow
+def test_ray_makes_the_same_pairs(store, tmp_path, calibration, monkeypatch):
+    pytest.importorskip("ray")
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    path = collect_pairs(replace(SMALL, engine="ray", workers=2), tmp_path / "pairs", calibration=calibration)
+    _assert_same(path, store)
+    assert os.environ["RAY_USAGE_STATS_ENABLED"] == "0"
+
+
+def test_missing_ray_is_an_error_that_names_the_extra(tmp_path, calibration, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(MissingFileError, match=r"laploop\[ray\]"):
+        collect_pairs(replace(SMALL, engine="ray"), tmp_path / "pairs", calibration=calibration)
+
+
+def test_tissue_that_does_not_settle_is_an_error(tmp_path, calibration):
+    wobbly = replace(SMALL.tissue, material=TissueMaterial(young_pa=1000.0, damping_s=1e-4))
+    with pytest.raises(SimulationError, match="still moves"):
+        collect_pairs(replace(SMALL, pairs=1, tissue=wobbly), tmp_path / "pairs", calibration=calibration)
+
+
+def test_another_configuration_or_calibration_is_refused(store, copied, calibration, tmp_path):
+    with pytest.raises(OutputError, match="different: seed"):
+        collect_pairs(replace(SMALL, seed=6), copied, calibration=calibration)
+    with pytest.raises(OutputError, match="different: calibration_file_sha256"):
+        collect_pairs(SMALL, copied)
+    other = tmp_path / "other.json"
+    save_calibration(other, replace(_calibration(SMALL.bench), view_errors_px=(0.1,) * 5))
+    with pytest.raises(OutputError, match="different: calibration_file_sha256"):
+        collect_pairs(SMALL, copied, calibration=other)
+    _assert_same(copied, store)
+
+
+def test_folder_with_a_data_set_of_another_kind_is_refused(tmp_path, calibration):
+    path = FrameStore.create(
+        tmp_path / "frames",
+        optics=SMALL.bench.scope,
+        tissue_seed=np.zeros(1, np.int64),
+        split=np.zeros(1, np.uint8),
+        tool_in_view=np.zeros(1, bool),
+        config={},
+    ).path
+    with pytest.raises(InvalidValueError, match="laploop-frames"):
+        collect_pairs(SMALL, path, calibration=calibration)
+
+
+def test_calibration_that_is_missing_is_an_error_before_anything_is_written(tmp_path):
+    with pytest.raises(MissingFileError, match="calibration"):
+        collect_pairs(SMALL, tmp_path / "pairs", calibration=tmp_path / "nothing.json")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bench_is_calibrated_once_where_no_calibration_is_given(tmp_path, monkeypatch):
+    asked = []
+
+    def calibrate(config, progress):
+        asked.append((config.views, config.seed, config.bench.reference.region))
+        return type("Found", (), {"stereo": _calibration(config.bench)})
+
+    monkeypatch.setattr(acquisition, "calibrate_bench", calibrate)
+    config = replace(SMALL, pairs=1, calibration_views=12)
+    for _ in range(2):
+        path = collect_pairs(config, tmp_path / "pairs")
+    assert asked == [(12, 5, None)]
+    assert check_pairs(path).passed
+
+
+def test_good_data_set_passes_the_check(store):
+    seen = []
+    result = check_pairs(store.path, report=seen.append)
+    assert result.passed
+    assert (result.pairs, result.done) == (7, 7)
+    assert seen == list(range(1, 8))
+
+
+def _damage(path, what):
+    """Spoil a store in one way and return what the check must say."""
+    store = PairStore.open(path, writable=True)
+    group = store._group
+    match what:
+        case "not done":
+            group["done"][3] = 0
+        case "chunk cut off":
+            chunk = path / "depth_mm" / "c" / "3" / "0" / "0"
+            chunk.write_bytes(chunk.read_bytes()[:100])
+            return "pair 3: cannot be read"
+        case "hash":
+            group["image"][3, 0, 0] = 255 - int(group["image"][3, 0, 0])
+        case "reference depth":
+            group["reference_depth_mm"][3] = store.reference_depth_mm(3) + np.float32(0.5)
+            return "pair 3: its reference depth is not what"
+        case "differ by":
+            group["depth_mm"][3] = store.depth_mm(3) + np.float32(5.0)
+        case "finite":
+            group["projector_x"][3] = np.nan
+        case "metadata belong":
+            group["metadata"][3] = group["metadata"][4]
+        case "more than one split":
+            group["split"][4] = 0
+            return "tissue 1: in more than one split (train, val)"
+        case "have a reference depth":
+            group["reference_depth_mm"][3] = np.nan
+    return what
+
+
+@pytest.mark.parametrize(
+    "what",
+    [
+        "not done",
+        "chunk cut off",
+        "hash",
+        "reference depth",
+        "differ by",
+        "finite",
+        "metadata belong",
+        "more than one split",
+        "have a reference depth",
+    ],
+)
+def test_check_finds_what_is_wrong_and_where(copied, what):
+    expected = _damage(copied, what)
+    result = check_pairs(copied)
+    assert not result.passed
+    assert any(expected in problem for problem in result.problems), result.problems
+    assert all(("pair 3" in problem) or ("tissue 1" in problem) for problem in result.problems)
+
+
+def test_card_tells_splits_statistics_and_the_true_residual(store):
+    statistics = measure_pairs(store)
+    summary = summarise(store, statistics)
+    assert summary["pairs"] == {"train": 3, "val": 2, "test": 2}
+    assert summary["tissues"] == {"train": 1, "val": 1, "test": 1}
+    assert summary["calibration"]["true_residual_mm"] < 1e-9
+    assert summary["working_distance_mm"]["least"] == statistics.working_distance_mm.min()
+    card = write_card(store, summary)
+    assert "| test | 1 | 2 |" in card
+    assert "examples.png" in card
+    assert json.dumps(summary, allow_nan=False)
