@@ -5,7 +5,11 @@ wrong, the offending value, and what is allowed.
 """
 
 from collections.abc import Iterable
+from difflib import get_close_matches
 from pathlib import Path
+from typing import Self, TypeVar
+
+ErrorT = TypeVar("ErrorT", bound="LaploopError")
 
 
 class LaploopError(Exception):
@@ -15,8 +19,12 @@ class LaploopError(Exception):
         """Pickle by message: the constructors of the subclasses take other arguments than the message."""
         return _rebuilt, (type(self), self.args)
 
+    def at(self, place: str, joint: str = ": ") -> Self:
+        """Return the same error with the place, such as a field's path, in front of its message."""
+        return _rebuilt(type(self), (f"{place}{joint}{self}",))
 
-def _rebuilt(kind: type[LaploopError], arguments: tuple[object, ...]) -> LaploopError:
+
+def _rebuilt(kind: type[ErrorT], arguments: tuple[object, ...]) -> ErrorT:
     error = kind.__new__(kind)
     error.args = arguments
     return error
@@ -30,13 +38,20 @@ class InvalidValueError(LaploopError, ValueError):
         shown = str(value) if isinstance(value, Path) else value
         super().__init__(f"{name} is {shown!r}; allowed: {allowed}")
 
+    def at(self, place: str, joint: str = ".") -> Self:
+        """Return the same error with the place in front: the path of the configuration that the named field is in."""
+        return super().at(place, joint)
+
 
 class UnknownNameError(LaploopError, ValueError):
     """A name (of a task, an estimator, a motion, ...) that nobody registered."""
 
     def __init__(self, kind: str, name: object, available: Iterable[str]) -> None:
-        """List what exists beside what was asked for."""
-        super().__init__(f"unknown {kind} {name!r}; available: {', '.join(sorted(available))}")
+        """List what exists beside what was asked for, and what may have been meant."""
+        names = sorted(available)
+        nearest = get_close_matches(str(name).rpartition(".")[2], names, n=1)
+        hint = f"did you mean {nearest[0]!r}? " if nearest else ""
+        super().__init__(f"unknown {kind} {name!r}; {hint}available: {', '.join(names)}")
 
 
 class WeightsError(LaploopError, ValueError):
