@@ -1,1 +1,8 @@
-"""What the world is made of: builders that return `mujoco.MjSpec`, masks, optics data, and trained weights."""
+"""What the world is made of: robot, laparoscope, instrument, phantom, stripe masks, calibration board, trained weights.
+
+The public names, listed in `__init__.pyi`, are imported when they are first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,8 @@
-"""A surface in, robot commands out. Would run on the real arm unchanged; never imports MuJoCo or torch."""
+"""A surface in, robot commands out: kinematics, trocar constraint, targeting, motion prediction, a controller a task.
+
+The public names, listed in `__init__.pyi`, are imported when they are first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

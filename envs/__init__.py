@@ -1,11 +1,8 @@
-"""The theatre: scene composition, ray-cast sensors, clocks and delays, tasks, the Gymnasium face, the recorder.
+"""The theatre: physics, ray-cast sensors, clocks and delays, Gymnasium environments, recordings.
 
-Importing this package registers its environments, by name alone: nothing heavy is loaded before one is made.
+The public names, listed in `__init__.pyi`, are imported when they are first used.
 """
 
-from gymnasium.envs.registration import register
+import lazy_loader
 
-from laploop.envs.tasks.registry import TASKS, environment_id
-
-for _task, _entry_point in TASKS.items():
-    register(id=environment_id(_task), entry_point=_entry_point)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -9,9 +9,9 @@ import argparse
 
 import numpy as np
 
-from laploop.assets.scope_optics import ScopeOptics
-from laploop.envs.episode import EpisodeConfig, run_episode
-from laploop.perception.geometry import Rig
+from laploop.assets import ScopeOptics
+from laploop.envs import EpisodeConfig, run_episode
+from laploop.perception import Rig
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=1500, help="control periods of 8 ms")

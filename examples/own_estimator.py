@@ -8,11 +8,9 @@ import argparse
 import numpy as np
 from scipy import ndimage
 
-from laploop.assets.scope_optics import ScopeOptics
-from laploop.envs.episode import EpisodeConfig, run_episode
-from laploop.perception.estimators.registry import make_estimator
-from laploop.perception.geometry import Rig
-from laploop.perception.messages import DepthEstimate
+from laploop.assets import ScopeOptics
+from laploop.envs import EpisodeConfig, run_episode
+from laploop.perception import DepthEstimate, Rig, make_estimator
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=1250, help="control periods of 8 ms at most")

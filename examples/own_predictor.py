@@ -9,11 +9,10 @@ from collections import deque
 
 import numpy as np
 
-from laploop.assets.scope_optics import ScopeOptics
-from laploop.control.controllers.track import TrackController
-from laploop.control.prediction.motion_predictor import HeldMeasurement, Prediction
-from laploop.envs.episode import EpisodeConfig, run_episode
-from laploop.perception.geometry import Rig
+from laploop.assets import ScopeOptics
+from laploop.control import HeldMeasurement, Prediction, TrackController
+from laploop.envs import EpisodeConfig, run_episode
+from laploop.perception import Rig
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=1875, help="control periods of 8 ms")

@@ -10,8 +10,8 @@ import gymnasium as gym
 import numpy as np
 from scipy import ndimage
 
-import laploop.envs  # noqa: F401  registers the environments
-from laploop.control.controllers.reach import ReachController
+import laploop  # noqa: F401  registers the environments
+from laploop.control import ReachController
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=1000, help="control periods of 8 ms at most")

@@ -8,10 +8,9 @@ import argparse
 import gymnasium as gym
 import numpy as np
 
-import laploop.envs  # noqa: F401  registers the environments
-from laploop.control.controllers.reach import ReachController
-from laploop.envs.tasks.reach import ReachConfig
-from laploop.envs.theatre.organ_motion import BaseMotion
+import laploop  # noqa: F401  registers the environments
+from laploop.control import ReachController
+from laploop.envs import BaseMotion, ReachConfig
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=1500, help="control periods of 8 ms at most")

@@ -1,1 +1,8 @@
-"""One image in, one metric surface out. Would run on the real scope unchanged; never imports MuJoCo."""
+"""One image in, one metric surface out: geometry, calibration, estimators, training, data sets, metrics.
+
+The public names, listed in `__init__.pyi`, are imported when they are first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,1 +1,8 @@
-"""Experiments on top of the theatre. Each returns a table and draws its figure."""
+"""Experiments on top of the theatre; each returns a table and draws its figure.
+
+The public names, listed in `__init__.pyi`, are imported when they are first used.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

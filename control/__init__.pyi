@@ -1,0 +1,53 @@
+from .arm.model import ArmModel as ArmModel
+from .arm.rcm_controller import RcmController as RcmController
+from .arm.rcm_controller import RcmControllerConfig as RcmControllerConfig
+from .arm.rcm_controller import RcmStatus as RcmStatus
+from .controllers.look import LookController as LookController
+from .controllers.look import LookControllerConfig as LookControllerConfig
+from .controllers.palpate import PalpateController as PalpateController
+from .controllers.palpate import PalpateControllerConfig as PalpateControllerConfig
+from .controllers.reach import ReachController as ReachController
+from .controllers.reach import ReachControllerConfig as ReachControllerConfig
+from .controllers.registry import make_controller as make_controller
+from .controllers.scan import ScanController as ScanController
+from .controllers.scan import ScanControllerConfig as ScanControllerConfig
+from .controllers.track import TrackController as TrackController
+from .controllers.track import TrackControllerConfig as TrackControllerConfig
+from .messages import ControlInput as ControlInput
+from .messages import TipController as TipController
+from .prediction.motion_predictor import HeldMeasurement as HeldMeasurement
+from .prediction.motion_predictor import MotionPredictor as MotionPredictor
+from .prediction.motion_predictor import Prediction as Prediction
+from .prediction.motion_predictor import RhythmPredictor as RhythmPredictor
+from .prediction.motion_predictor import RhythmPredictorConfig as RhythmPredictorConfig
+from .targeting.targeting import Target as Target
+from .targeting.targeting import Targeting as Targeting
+from .targeting.targeting import TargetingConfig as TargetingConfig
+
+__all__ = [
+    "ArmModel",
+    "ControlInput",
+    "HeldMeasurement",
+    "LookController",
+    "LookControllerConfig",
+    "MotionPredictor",
+    "PalpateController",
+    "PalpateControllerConfig",
+    "Prediction",
+    "RcmController",
+    "RcmControllerConfig",
+    "RcmStatus",
+    "ReachController",
+    "ReachControllerConfig",
+    "RhythmPredictor",
+    "RhythmPredictorConfig",
+    "ScanController",
+    "ScanControllerConfig",
+    "Target",
+    "Targeting",
+    "TargetingConfig",
+    "TipController",
+    "TrackController",
+    "TrackControllerConfig",
+    "make_controller",
+]

@@ -1,0 +1,85 @@
+from .episode import EpisodeConfig as EpisodeConfig
+from .episode import run_episode as run_episode
+from .loop.clock_rates import ClockRates as ClockRates
+from .loop.closed_loop import ClosedLoop as ClosedLoop
+from .loop.closed_loop import LoopConfig as LoopConfig
+from .loop.faults import Fault as Fault
+from .loop.kinematic_errors import KinematicErrors as KinematicErrors
+from .loop.latency import ConstantLatency as ConstantLatency
+from .loop.latency import LatencyModel as LatencyModel
+from .loop.latency import LognormalLatency as LognormalLatency
+from .loop.latency import TraceLatency as TraceLatency
+from .recording.recorder import CompositeRecorder as CompositeRecorder
+from .recording.recorder import NullRecorder as NullRecorder
+from .recording.recorder import Recorder as Recorder
+from .recording.rerun_recorder import RerunRecorder as RerunRecorder
+from .sensors.optics.presets import optics_preset as optics_preset
+from .sensors.optics.stripe_optics import StripeOptics as StripeOptics
+from .sensors.reference.camera import ReferenceCamera as ReferenceCamera
+from .sensors.reference.optics import ReferenceOptics as ReferenceOptics
+from .sensors.stripe_camera import StripeCamera as StripeCamera
+from .tasks.look import LookConfig as LookConfig
+from .tasks.look import LookEnv as LookEnv
+from .tasks.palpate import PalpateConfig as PalpateConfig
+from .tasks.palpate import PalpateEnv as PalpateEnv
+from .tasks.reach import ReachConfig as ReachConfig
+from .tasks.reach import ReachEnv as ReachEnv
+from .tasks.registry import TASKS as TASKS
+from .tasks.registry import environment_id as environment_id
+from .tasks.scan import ScanConfig as ScanConfig
+from .tasks.scan import ScanEnv as ScanEnv
+from .tasks.task_config import TaskConfig as TaskConfig
+from .tasks.task_env import TaskEnv as TaskEnv
+from .tasks.track import TrackConfig as TrackConfig
+from .tasks.track import TrackEnv as TrackEnv
+from .theatre.actuation import ActuationConfig as ActuationConfig
+from .theatre.config import TheatreConfig as TheatreConfig
+from .theatre.config import TheatreLayout as TheatreLayout
+from .theatre.organ_motion import BaseMotion as BaseMotion
+from .theatre.stage_travel import StageTravel as StageTravel
+from .theatre.theatre import Theatre as Theatre
+from .theatre.trocar import TrocarConfig as TrocarConfig
+
+__all__ = [
+    "TASKS",
+    "ActuationConfig",
+    "BaseMotion",
+    "ClockRates",
+    "ClosedLoop",
+    "CompositeRecorder",
+    "ConstantLatency",
+    "EpisodeConfig",
+    "Fault",
+    "KinematicErrors",
+    "LatencyModel",
+    "LognormalLatency",
+    "LookConfig",
+    "LookEnv",
+    "LoopConfig",
+    "NullRecorder",
+    "PalpateConfig",
+    "PalpateEnv",
+    "ReachConfig",
+    "ReachEnv",
+    "Recorder",
+    "ReferenceCamera",
+    "ReferenceOptics",
+    "RerunRecorder",
+    "ScanConfig",
+    "ScanEnv",
+    "StageTravel",
+    "StripeCamera",
+    "StripeOptics",
+    "TaskConfig",
+    "TaskEnv",
+    "Theatre",
+    "TheatreConfig",
+    "TheatreLayout",
+    "TraceLatency",
+    "TrackConfig",
+    "TrackEnv",
+    "TrocarConfig",
+    "environment_id",
+    "optics_preset",
+    "run_episode",
+]

@@ -1,0 +1,69 @@
+from .calibration.calibration_file import load_calibration as load_calibration
+from .calibration.calibration_file import save_calibration as save_calibration
+from .calibration.hand_eye import HandEyeCalibration as HandEyeCalibration
+from .calibration.hand_eye import calibrate_hand_eye as calibrate_hand_eye
+from .calibration.projector import ProjectorCalibration as ProjectorCalibration
+from .calibration.projector import calibrate_projector as calibrate_projector
+from .calibration.results import CameraCalibration as CameraCalibration
+from .calibration.results import StereoCalibration as StereoCalibration
+from .calibration.solve import calibrate_camera as calibrate_camera
+from .calibration.solve import calibrate_stereo as calibrate_stereo
+from .cramer_rao import CramerRaoBound as CramerRaoBound
+from .data.datasets import DepthDataset as DepthDataset
+from .data.datasets import open_dataset as open_dataset
+from .data.frame_store import FrameStore as FrameStore
+from .data.pair_store import PairFrame as PairFrame
+from .data.pair_store import PairStore as PairStore
+from .estimators.base import DepthEstimator as DepthEstimator
+from .estimators.registry import estimator_names as estimator_names
+from .estimators.registry import make_estimator as make_estimator
+from .estimators.registry import register as register
+from .geometry import Intrinsics as Intrinsics
+from .geometry import Rig as Rig
+from .geometry import invert_transform as invert_transform
+from .geometry import transform_points as transform_points
+from .inference.export import export_onnx as export_onnx
+from .messages import DepthEstimate as DepthEstimate
+from .messages import DepthFrame as DepthFrame
+from .messages import StripeFrame as StripeFrame
+from .metrics import DepthMetrics as DepthMetrics
+from .metrics import depth_metrics as depth_metrics
+from .reprojection import reproject as reproject
+from .weights import load_weights as load_weights
+from .weights import save_weights as save_weights
+
+__all__ = [
+    "CameraCalibration",
+    "CramerRaoBound",
+    "DepthDataset",
+    "DepthEstimate",
+    "DepthEstimator",
+    "DepthFrame",
+    "DepthMetrics",
+    "FrameStore",
+    "HandEyeCalibration",
+    "Intrinsics",
+    "PairFrame",
+    "PairStore",
+    "ProjectorCalibration",
+    "Rig",
+    "StereoCalibration",
+    "StripeFrame",
+    "calibrate_camera",
+    "calibrate_hand_eye",
+    "calibrate_projector",
+    "calibrate_stereo",
+    "depth_metrics",
+    "estimator_names",
+    "export_onnx",
+    "invert_transform",
+    "load_calibration",
+    "load_weights",
+    "make_estimator",
+    "open_dataset",
+    "register",
+    "reproject",
+    "save_calibration",
+    "save_weights",
+    "transform_points",
+]

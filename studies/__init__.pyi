@@ -1,0 +1,51 @@
+from .acquisition.config import AcquisitionConfig as AcquisitionConfig
+from .acquisition.run import collect_pairs as collect_pairs
+from .calibration.run import BenchCalibration as BenchCalibration
+from .calibration.run import CalibrationConfig as CalibrationConfig
+from .calibration.run import calibrate_bench as calibrate_bench
+from .characterization.run import CharacterizationConfig as CharacterizationConfig
+from .characterization.run import characterise as characterise
+from .depth.evaluation import DepthEvaluation as DepthEvaluation
+from .depth.evaluation import evaluate_depth as evaluate_depth
+from .depth.robustness import measure_robustness as measure_robustness
+from .depth.robustness_scenes import RobustnessConfig as RobustnessConfig
+from .episodes.task_campaigns import CAMPAIGNS as CAMPAIGNS
+from .episodes.task_campaigns import Campaign as Campaign
+from .episodes.task_campaigns import Check as Check
+from .episodes.task_table import TaskTableConfig as TaskTableConfig
+from .episodes.task_table import run_task_table as run_task_table
+from .episodes.trials import TrialsConfig as TrialsConfig
+from .episodes.trials import run_trials as run_trials
+from .timing.bench import BenchConfig as BenchConfig
+from .timing.bench import run_bench as run_bench
+from .timing.speed import SpeedConfig as SpeedConfig
+from .timing.speed import measure_speed as measure_speed
+from .training_frames import TrainingFramesConfig as TrainingFramesConfig
+from .training_frames import render_training_frames as render_training_frames
+
+__all__ = [
+    "CAMPAIGNS",
+    "AcquisitionConfig",
+    "BenchCalibration",
+    "BenchConfig",
+    "CalibrationConfig",
+    "Campaign",
+    "CharacterizationConfig",
+    "Check",
+    "DepthEvaluation",
+    "RobustnessConfig",
+    "SpeedConfig",
+    "TaskTableConfig",
+    "TrainingFramesConfig",
+    "TrialsConfig",
+    "calibrate_bench",
+    "characterise",
+    "collect_pairs",
+    "evaluate_depth",
+    "measure_robustness",
+    "measure_speed",
+    "render_training_frames",
+    "run_bench",
+    "run_task_table",
+    "run_trials",
+]
