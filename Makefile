@@ -2,57 +2,67 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/.installed
+CORE := $(VENV)/.core
+DEV := $(VENV)/.dev
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 SEED ?= 0
 
-.PHONY: demo test test-slow lint types floors pytest bench results clean help
+.PHONY: demo test test-slow lint types floors pytest package bench results clean help
 
 help:
 	@echo "make demo       run the closed loop on breathing tissue; results in runs/demo"
 	@echo "make test       everything that gates a change"
-	@echo "make test-slow  the long tests too"
+	@echo "make test-slow  the long tests"
+	@echo "make package    build sdist and wheel, and try them in an empty environment"
 	@echo "make bench      measure every stage; results in runs/bench"
-	@echo "make results    measure the numbers of the README anew"
+	@echo "make results    measure the committed results anew"
 
-$(STAMP): pyproject.toml constraints.txt
+$(CORE): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "laploop needs Python 3.11 or newer; this is " + sys.version.split()[0] + " (choose another with make PYTHON=...)")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev]"
-	@touch $(STAMP)
+	$(PIP) .
+	@touch $(CORE)
 
-demo: $(STAMP)
+$(DEV): $(CORE)
+	$(PIP) ".[dev]"
+	@touch $(DEV)
+
+demo: $(CORE)
 	$(BIN)/laploop run --task reach --perception compact --motion breathing --hold-s 4 --seed $(SEED) --seconds 15 --out runs/demo
 	@$(BIN)/python -P -c 'import json, sys; done = json.load(open("runs/demo/summary.json"))["success"]; sys.exit(0 if done else "the demo run did not succeed")'
 
 test: lint types floors pytest
 
-lint: $(STAMP)
+lint: $(DEV)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: $(STAMP)
+types: $(DEV)
 	$(BIN)/mypy
 
-floors: $(STAMP)
+floors: $(DEV)
 	$(BIN)/lint-imports
 
-pytest: $(STAMP)
-	$(BIN)/pytest -m "not slow"
+pytest: $(DEV)
+	$(BIN)/pytest -m "not slow" --numprocesses logical
 
-test-slow: $(STAMP)
+test-slow: $(DEV)
 	$(BIN)/pytest -m slow --timeout 3600
 
-bench: $(STAMP)
+package: $(DEV)
+	$(BIN)/pytest -m slow --timeout 3600 tests/test_package.py
+
+bench: $(CORE)
 	$(BIN)/laploop bench --out runs/bench
 
-# The numbers of the README, measured anew with the shipped weights: a few hours on two cores.
+# The numbers of docs/results, measured anew with the shipped weights: a few hours on two cores.
 RESULTS := docs/results
 FRAMES ?= runs/frames
 PAIRS ?= runs/pairs
 NETWORKS := ssle-phase ssle dual-unet compact
 MODELS := $(NETWORKS) phase
 
-results: $(STAMP)
+results: $(DEV)
 	mkdir -p $(RESULTS)
 	$(BIN)/laploop tasks --seeds 30 --workers 2 --out runs/tasks && cp runs/tasks/summary.json $(RESULTS)/tasks.json
 	for estimator in oracle $(MODELS); do for motion in still breathing; do \

@@ -1,6 +1,6 @@
-"""The results block of the README, made from the committed summaries of the commands that measured them.
+"""The page of results and the short table in the README, made from the committed summaries of the commands that measured them.
 
-`python -P -m laploop.studies.readme.results_page docs/results README.md` rewrites the block; a test checks it.
+`python -P -m laploop.studies.readme.results_page docs/results README.md` rewrites both; a test checks that they are up to date.
 """
 
 import json
@@ -27,7 +27,7 @@ TRIALS = tuple(f"{name}-{motion}" for name in MODELS for motion in ("still", "br
 
 
 def results_markdown(folder: Path) -> str:
-    """Return the block for the summaries in `folder`.
+    """Return the page of results for the summaries in `folder`.
 
     Those of trials, tasks, robustness, speed and of an injected calibration error are left out where they are missing.
 
@@ -41,20 +41,51 @@ def results_markdown(folder: Path) -> str:
         _read(path) if (path := folder / f"{name}.json").is_file() else None
         for name in ("tasks", "depth-pairs-residual", "robustness")
     )
-    sections = [
-        _trials_table(trials),
-        tasks_table(tasks) if tasks else None,
-        _depth_table(robustness or _read(DEPTH)),
-        _pairs_table(pairs),
-        residual_table(residual, pairs) if residual else None,
-        robustness_table(robustness) if robustness else None,
-        _sensor_paragraph(
-            _read(folder / "characterization.json"), _read(folder / "calibration.json"), _read(folder / "collection.json")
-        ),
-        speed_table(speeds) if speeds else None,
-        _bench_table(_read(folder / "bench.json")),
-    ]
-    return "\n\n".join(section for section in sections if section is not None)
+    sensor = (_read(folder / f"{name}.json") for name in ("characterization", "calibration", "collection"))
+    sections = {
+        "Closed loop": _trials_table(trials),
+        "Tasks": tasks_table(tasks) if tasks else None,
+        "Depth against exact truth": _depth_table(robustness or _read(DEPTH)),
+        "Depth against the reference camera": _pairs_table(pairs),
+        "What an error of the calibration costs": residual_table(residual, pairs) if residual else None,
+        "Depth under other conditions": robustness_table(robustness) if robustness else None,
+        "Sensor, calibration, data": _sensor_paragraph(*sensor),
+        "Speed of the depth networks": speed_table(speeds) if speeds else None,
+        "Time of each stage": _bench_table(_read(folder / "bench.json")),
+    }
+    return _HEADER + "\n".join(f"\n## {title}\n\n{text}\n" for title, text in sections.items() if text is not None)
+
+
+_HEADER = """# Results
+
+Everything here comes from the summaries beside this page. `make results` measures them anew, which takes a few hours on two
+cores, and writes the page.
+"""
+
+
+def summary_markdown(folder: Path) -> str:
+    """Return the README's short table for the summaries in `folder`.
+
+    Raises:
+        MissingFileError: If the folder lacks one of them.
+    """
+    reach = _read(folder / "trials-compact-breathing.json")
+    track = next(row for row in _read(folder / "tasks.json")["campaigns"] if row["campaign"] == "track-compact")
+    rms = next(check["value"] for check in track["checks"] if check["name"] == "RMS error along the normal")
+    depth = {row["model"]: row["mae_mm"] for row in _overall(_read(folder / "robustness.json"), "exact")}
+    pairs = {row["model"]: row["mae_mm"] for row in _overall(_read(folder / "depth-pairs.json"), "zivid")}
+    speed, bench = _read(folder / "speed-compact.json"), _read(folder / "bench.json")
+    rows = {
+        "Touch a point on breathing tissue": f"{100 * reach['success_rate']:.0f} % of {reach['episodes']} episodes, "
+        f"{reach['final_error_mm']['mean']:.2f} mm mean error, never above {reach['contact_force_n']['max']:.2f} N",
+        "Follow breathing and heartbeat, 100 ms late": f"{rms:.2f} mm RMS along the normal, {track['episodes']} episodes",
+        "Depth on held-out tissues, exact truth": f"{depth['compact']:.2f} mm (`compact`), {depth['ssle-phase']:.2f} mm "
+        "(`ssle-phase`), all pixels",
+        "Depth in the paper's protocol": f"{pairs['ssle']:.2f} mm (`ssle`); the paper: 3.70 mm on its own, harder bench",
+        "Frame to depth, one core": f"{speed['p50_ms']:.1f} ms (`compact`)",
+        "Whole loop, two cores": f"{bench['loop']['real_time_factor']['median']:.2f} of real time",
+    }
+    return "\n".join(["| measured | result |", "|---|---|", *(f"| {name} | {result} |" for name, result in rows.items())])
 
 
 def with_results(readme: str, block: str) -> str:
@@ -71,15 +102,19 @@ def with_results(readme: str, block: str) -> str:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Rewrite the block: `arguments` are the folder of results and the README."""
+    """Rewrite page and table: `arguments` are the folder of results and the README."""
     folder, readme = (Path(argument) for argument in arguments)
-    text = with_results(readme.read_text(encoding="utf-8"), results_markdown(folder))
-    partial = readme.with_suffix(".partial")
+    _write(folder / "README.md", results_markdown(folder))
+    _write(readme, with_results(readme.read_text(encoding="utf-8"), summary_markdown(folder)))
+
+
+def _write(page: Path, text: str) -> None:
+    partial = page.with_suffix(".partial")
     try:
         partial.write_text(text, encoding="utf-8")
-        partial.replace(readme)
+        partial.replace(page)
     except OSError as error:
-        raise OutputError(f"cannot write {readme}: {error.strerror}") from error
+        raise OutputError(f"cannot write {page}: {error.strerror}") from error
 
 
 def _trials_table(summaries: Sequence[Mapping[str, Any]]) -> str:
@@ -105,8 +140,8 @@ def _trials_table(summaries: Sequence[Mapping[str, Any]]) -> str:
 def _depth_table(summary: Mapping[str, Any]) -> str:
     lines = [
         f"Depth of {summary['frames']} frames of {summary['tissues']} tissues that no training saw, 60 to 140 mm, against",
-        "exact truth; first over the pixels that the estimator stands by, then over all. The photon floor is the least error",
-        "that the sensor's noise allows from one period of the stripes, where they can be read.",
+        "exact truth; first over the pixels the estimator marks valid, then over all. The photon floor is the smallest error",
+        "that the sensor's noise permits from one period of the stripes, where they can be read.",
         "",
         "| estimator | valid pixels | MAE | AbsRel | within 10 % | MAE, all pixels |",
         "|---|---|---|---|---|---|",

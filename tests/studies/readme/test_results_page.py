@@ -6,26 +6,38 @@ import pytest
 
 from laploop.errors import InvalidValueError, MissingFileError
 from laploop.studies.episodes.task_table import summarise_tasks
-from laploop.studies.readme.results_page import BEGIN, DEPTH, END, _depth_table, main, results_markdown, with_results
+from laploop.studies.readme.results_page import (
+    BEGIN,
+    DEPTH,
+    END,
+    _depth_table,
+    main,
+    results_markdown,
+    summary_markdown,
+    with_results,
+)
 from laploop.studies.readme.results_tables import residual_table, robustness_table, speed_table, tasks_table
 
 ROOT = Path(__file__).parents[3]
 
 
-def test_the_readme_shows_what_the_committed_summaries_say():
-    readme = (ROOT / "README.md").read_text()
-    assert with_results(readme, results_markdown(ROOT / "docs" / "results")) == readme
+def test_the_readme_and_the_page_show_what_the_committed_summaries_say():
+    readme, results = ROOT / "README.md", ROOT / "docs" / "results"
+    assert with_results(readme.read_text(), summary_markdown(results)) == readme.read_text()
+    assert results_markdown(results) == (results / "README.md").read_text()
 
 
-def test_only_the_block_is_replaced(tmp_path):
-    readme = tmp_path / "README.md"
+def test_the_page_is_written_and_only_the_block_of_the_readme_replaced(tmp_path):
+    results, readme = tmp_path / "results", tmp_path / "README.md"
+    shutil.copytree(ROOT / "docs" / "results", results)
+    (results / "README.md").unlink()
     readme.write_text(f"above\n{BEGIN}\nsuperseded\n{END}\nbelow\n")
-    main([str(ROOT / "docs" / "results"), str(readme)])
+    main([str(results), str(readme)])
     text = readme.read_text()
-    assert text.startswith(f"above\n{BEGIN}\n")
+    assert text.startswith(f"above\n{BEGIN}\n| measured | result |\n")
     assert text.endswith(f"{END}\nbelow\n")
     assert "superseded" not in text
-    assert "| `compact` |" in text
+    assert "| `compact` |" in (results / "README.md").read_text()
 
 
 def test_a_readme_without_the_block_is_refused():
