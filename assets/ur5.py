@@ -5,7 +5,7 @@ from typing import Any
 
 import mujoco
 
-from laploop.assets.ur5_description import FLANGE, JOINT_NAMES, description_dir, urdf_path
+from laploop.assets.ur5_description import FLANGE, JOINT_NAMES, VELOCITY_GAIN_RATIO_S, description_dir, urdf_path
 from laploop.errors import InvalidValueError
 
 ARM_GROUP = 2
@@ -20,10 +20,6 @@ ARMATURE = 0.1
 POSITION_GAINS = (8.0e4, 8.0e4, 4.0e4, 1.2e4, 1.2e4, 1.0e4)
 """Stiffness of each joint's servo in N m/rad, about proportional to the inertia that the joint moves, so that all joints
 answer with nearly the same bandwidth."""
-
-VELOCITY_GAIN_RATIO_S = 0.007
-"""Damping over stiffness of every servo, kd / kp: equal on all joints, so that what a reference lacks in feed-forward delays
-all joints alike and keeps the shaft on its path through the trocar."""
 
 
 def build_ur5(*, armature: float = ARMATURE, actuated: bool = True) -> Any:

@@ -17,6 +17,10 @@ JOINT_NAMES = (
     "wrist_3_joint",
 )
 
+VELOCITY_GAIN_RATIO_S = 0.007
+"""Damping over stiffness, kd / kp, of every joint's servo: equal on all joints, so that a reference without velocity
+feed-forward delays all joints alike and keeps the shaft on its path through the trocar."""
+
 
 def description_dir() -> Path:
     """Return the folder `ur_description` of the installed example-robot-data.

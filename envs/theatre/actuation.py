@@ -1,16 +1,17 @@
-"""What lies between a joint target and its servo: the robot's own cycle, delay, lag and limits."""
+"""The path from a joint target to its servo: the robot's own cycle, delay, lag and limits."""
 
 import math
 from collections import deque
-from dataclasses import dataclass, replace
-from typing import ClassVar, Literal, get_args
+from dataclasses import replace
+from typing import Annotated, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.assets.ur5 import VELOCITY_GAIN_RATIO_S
+from laploop.assets.ur5_description import VELOCITY_GAIN_RATIO_S
+from laploop.configuration import Field, configuration
 from laploop.envs.theatre.arm import JointReference
-from laploop.errors import InvalidValueError, UnknownNameError, check_range
+from laploop.errors import InvalidValueError, UnknownNameError
 
 Array = NDArray[np.float64]
 
@@ -18,38 +19,28 @@ ActuationName = Literal["ideal", "ur5-cb", "ur5-e"]
 """The named actuations, in the order in which they are listed to users."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class ActuationConfig:
     """How a robot follows the joint targets that are streamed to it.
 
-    A target takes effect at the robot's next cycle and is held over it; motion begins a delay later and follows with a
-    first-order lag. All zero is a robot without any of this, whose servos go on along the target's velocity.
+    A target takes effect at the robot's next cycle and holds until the one after; motion begins a delay later and follows with
+    a first-order lag. The defaults have none of this: servos extrapolate the target by its velocity.
     """
 
-    cycle_ns: int = 0
+    cycle_ns: Annotated[int, Field(ge=0, le=100_000_000)] = 0
     """Period of the robot's controller; 0 for none."""
-    delay_ns: int = 0
-    """From the cycle in which a target takes effect to the first motion; whole physics steps, rounded up."""
-    lag_ns: int = 0
+    delay_ns: Annotated[int, Field(ge=0, le=1_000_000_000)] = 0
+    """From the cycle in which a target takes effect to the first motion; rounded up to whole physics steps."""
+    lag_ns: Annotated[int, Field(ge=0, le=1_000_000_000)] = 0
     """Time constant of the first-order lag."""
-    max_speed_rad_s: float = math.inf
-    """Bound of every joint's speed."""
-    max_angle_rad: float = math.inf
-    """Bound of every joint's angle, to both sides."""
+    max_speed_rad_s: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    """Limit of every joint's speed."""
+    max_angle_rad: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
+    """Limit of every joint's angle, in both directions."""
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range, or there is a delay or a lag without a cycle.
-        """
-        check_range("cycle_ns", self.cycle_ns, 0, 100_000_000)
-        check_range("delay_ns", self.delay_ns, 0, 1_000_000_000)
-        check_range("lag_ns", self.lag_ns, 0, 1_000_000_000)
-        for name in ("max_speed_rad_s", "max_angle_rad"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidValueError(name, getattr(self, name), "above 0")
-        limited = math.isfinite(self.max_speed_rad_s) or math.isfinite(self.max_angle_rad)
+        """Refuse a delay, a lag or a limit without a cycle."""
+        limited = self.max_speed_rad_s is not None or self.max_angle_rad is not None
         if self.cycle_ns == 0 and (self.delay_ns or self.lag_ns or limited):
             raise InvalidValueError("cycle_ns", 0, "above 0 where there is a delay, a lag or a limit")
 
@@ -62,7 +53,7 @@ class ActuationConfig:
         the softer gains of the CB series get 30 ms, the e-series 20 ms. Joints turn by at most 180 deg/s and 360 deg.
 
         Raises:
-            UnknownNameError: If nobody knows the name.
+            UnknownNameError: If there is no actuation of this name.
         """
         if name not in get_args(ActuationName):
             raise UnknownNameError("actuation", name, get_args(ActuationName))
@@ -75,25 +66,24 @@ class ActuationConfig:
 
     @property
     def lead_ns(self) -> int:
-        """How far ahead of the present a slow reference must be aimed for the arm to be on it: delay, lag and half a cycle."""
+        """How far ahead a slow reference must be evaluated for the arm to be on it now: delay, lag and half a cycle."""
         return self.delay_ns + self.lag_ns + self.cycle_ns // 2
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Command:
+class _Command(NamedTuple):
     sent_ns: int
     q: Array
     qdot: Array
 
 
 class Actuation:
-    """The way of one arm's joint targets to its servos, at every physics step; deterministic, on whole nanoseconds.
+    """Carries one arm's joint targets to its servos, at every physics step; deterministic, on whole nanoseconds.
 
-    The servo's input holds the velocity feed-forward `kd / kp q'` of its damping, so that the servo itself adds no lag.
+    The servo's input includes the velocity feed-forward `kd / kp q'` for its damping, so that the servo itself adds no lag.
     """
 
     COMMANDS: ClassVar[int] = 1024
-    """Targets under way at most: more than the longest delay holds at one a millisecond."""
+    """Most targets in flight: more than the longest delay holds at one a millisecond."""
 
     def __init__(self, config: ActuationConfig, *, q: Array, timestep_ns: int, control_steps: int) -> None:
         """Start at rest.
@@ -102,43 +92,42 @@ class Actuation:
             config: The robot.
             q: (joints,), rad, where it stands.
             timestep_ns: The physics step.
-            control_steps: Physics steps from one target to the next; so long a target's velocity is believed.
+            control_steps: Physics steps from one target to the next: how long a target is extrapolated by its velocity.
 
         Raises:
             InvalidValueError: If the robot's cycle is not a whole number of physics steps, or q lies beyond its limit.
         """
-        if timestep_ns <= 0 or config.cycle_ns % timestep_ns:
+        if config.cycle_ns % timestep_ns:
             raise InvalidValueError("cycle_ns", config.cycle_ns, f"a multiple of the physics step, {timestep_ns} ns")
-        if control_steps < 1:
-            raise InvalidValueError("control_steps", control_steps, "1 or more")
         self.config = config
         self._timestep_ns = timestep_ns
         self._control_steps = control_steps
         self._approach = 1.0 - math.exp(-timestep_ns / config.lag_ns) if config.lag_ns else 1.0
-        self._max_step = config.max_speed_rad_s * timestep_ns * 1e-9
+        self._max_step = math.inf if config.max_speed_rad_s is None else config.max_speed_rad_s * timestep_ns * 1e-9
+        self._max_angle = math.inf if config.max_angle_rad is None else config.max_angle_rad
         self.reset(q)
 
     def reset(self, q: Array) -> None:
-        """Stand at q, (joints,), at rest, with no target under way.
+        """Stand at q, (joints,) rad, at rest, with no target in flight.
 
         Raises:
             InvalidValueError: If q is not finite or lies beyond the limit.
         """
-        if not np.all(np.abs(q) <= self.config.max_angle_rad) or not np.all(np.isfinite(q)):
-            raise InvalidValueError("q", q, f"finite angles up to {self.config.max_angle_rad:g} rad to both sides")
+        if not np.all(np.abs(q) <= self._max_angle) or not np.all(np.isfinite(q)):
+            raise InvalidValueError("q", q, f"finite angles up to {self._max_angle:g} rad in both directions")
         self._position = np.array(q, dtype=np.float64)
         self._reference = JointReference(
             q=self._position, timestep_s=self._timestep_ns * 1e-9, control_steps=self._control_steps
         )
         self._taken = self._position.copy()
-        """Where the robot's controller wants to be, as of `delay_ns` ago."""
+        """The target that the robot's controller held `delay_ns` ago."""
         self._commands: deque[_Command] = deque(maxlen=self.COMMANDS)
 
     def command(self, now_ns: int, q: Array, qdot: Array | None = None) -> None:
-        """Send a target: where to be now, (joints,) rad, and how fast to go on, (joints,) rad/s, zero if missing.
+        """Send a target: positions q, (joints,) rad, and velocities qdot, (joints,) rad/s, zero when None.
 
         Raises:
-            InvalidValueError: If q or qdot is not as many finite numbers as there are joints, or the time goes back.
+            InvalidValueError: If q or qdot is not one finite number a joint, or time runs backwards.
         """
         self._reference.set_target(q, qdot)
         if self.config.cycle_ns == 0:
@@ -153,14 +142,13 @@ class Actuation:
         if self.config.cycle_ns == 0:
             return self._reference.advance()
         self._take(now_ns)
-        limit = self.config.max_angle_rad
-        wanted = np.clip(self._taken, -limit, limit)
+        wanted = np.clip(self._taken, -self._max_angle, self._max_angle)
         moved = np.clip(self._approach * (wanted - self._position), -self._max_step, self._max_step)
         self._position = self._position + moved
         return np.asarray(self._position + VELOCITY_GAIN_RATIO_S / (self._timestep_ns * 1e-9) * moved)
 
     def _take(self, now_ns: int) -> None:
-        """Look up what the robot's controller took over in the cycle whose effect is seen now."""
+        """Find the target that the robot's controller took in the cycle that acts now, and extrapolate it to that cycle."""
         delayed_ns = now_ns - self.config.delay_ns
         cycle_ns = delayed_ns // self.config.cycle_ns * self.config.cycle_ns
         while len(self._commands) > 1 and self._commands[1].sent_ns <= cycle_ns:

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.shafts import Shaft
-from laploop.assets.ur5 import VELOCITY_GAIN_RATIO_S
-from laploop.assets.ur5_description import JOINT_NAMES
+from laploop.assets.ur5_description import JOINT_NAMES, VELOCITY_GAIN_RATIO_S
 from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]

@@ -1,18 +1,24 @@
 """How the organ below the phantom moves: respiration and heartbeat along the stage's axis."""
 
 import math
-from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from dataclasses import replace
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 
-from laploop.errors import InvalidValueError, UnknownNameError
+from laploop.configuration import Field, configuration
+from laploop.errors import UnknownNameError
 
 MotionName = Literal["still", "breathing", "beating", "both"]
 """The named motions, in the order in which they are listed to users."""
 
 
-@dataclass(frozen=True, kw_only=True)
+PeakToPeak = Annotated[float, Field(ge=0.0, le=0.03)]
+Frequency = Annotated[float, Field(gt=0.0, le=5.0)]
+Phase = Annotated[float, Field(ge=-1000.0, le=1000.0)]
+
+
+@configuration
 class BaseMotion:
     """Sum of two sines along the stage's axis, in steady motion from the start; positive is towards the scope.
 
@@ -20,38 +26,21 @@ class BaseMotion:
     patients move 5-12 mm at 0.2-0.35 Hz; bowel beats with at most 1 mm at 1-1.5 Hz.
     """
 
-    breathing_peak_to_peak_m: float = 0.0
-    breathing_hz: float = 0.25
-    breathing_phase_rad: float | None = None
-    """Phase at time 0; None lets the theatre's seed choose."""
-    beating_peak_to_peak_m: float = 0.0
-    beating_hz: float = 1.2
-    beating_phase_rad: float | None = None
-    """Phase at time 0; None lets the theatre's seed choose."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        for name in ("breathing_peak_to_peak_m", "beating_peak_to_peak_m"):
-            if not 0.0 <= getattr(self, name) <= 0.03:
-                raise InvalidValueError(name, getattr(self, name), "0 to 0.03 m")
-        for name in ("breathing_hz", "beating_hz"):
-            if not 0.0 < getattr(self, name) <= 5.0:
-                raise InvalidValueError(name, getattr(self, name), "above 0, up to 5 Hz")
-        for name in ("breathing_phase_rad", "beating_phase_rad"):
-            phase = getattr(self, name)
-            if phase is not None and not math.isfinite(phase):
-                raise InvalidValueError(name, phase, "a finite angle, or None")
+    breathing_peak_to_peak_m: PeakToPeak = 0.0
+    breathing_hz: Frequency = 0.25
+    breathing_phase_rad: Phase | None = None
+    """Phase at time 0; by default the theatre's seed draws it."""
+    beating_peak_to_peak_m: PeakToPeak = 0.0
+    beating_hz: Frequency = 1.2
+    beating_phase_rad: Phase | None = None
+    """Phase at time 0; by default the theatre's seed draws it."""
 
     @classmethod
     def named(cls, name: str) -> "BaseMotion":
         """Make one of the named motions: still, breathing (10 mm at 0.25 Hz), beating (1 mm at 1.2 Hz), or both.
 
         Raises:
-            UnknownNameError: If nobody knows the name.
+            UnknownNameError: If there is no motion of this name.
         """
         if name not in get_args(MotionName):
             raise UnknownNameError("motion", name, get_args(MotionName))
@@ -61,7 +50,7 @@ class BaseMotion:
         )
 
     def with_phases(self, rng: np.random.Generator) -> "BaseMotion":
-        """Return the same motion with every open phase drawn; two draws are made whatever is open."""
+        """Return the motion with each phase that is None drawn; always makes two draws."""
         breathing, beating = rng.uniform(0.0, 2.0 * math.pi, size=2)
         return replace(
             self,
@@ -70,7 +59,7 @@ class BaseMotion:
         )
 
     def displacement(self, time_s: float) -> float:
-        """Return z(t) in metres; open phases count as 0."""
+        """Return z(t) in metres; phases that are None count as 0."""
         return 0.5 * sum(
             amplitude * math.sin(2.0 * math.pi * hertz * time_s + phase) for amplitude, hertz, phase in self._waves()
         )

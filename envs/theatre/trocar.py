@@ -1,21 +1,21 @@
-"""What a trocar does to the shaft in it: the wall pushes it back to its place, the seal rubs on it."""
+"""Forces of a trocar on the shaft in it: the abdominal wall is a spring, the seal is friction."""
 
 import math
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
+from laploop.configuration import Field, configuration
 from laploop.envs.theatre.arm import Arm
-from laploop.errors import InvalidValueError, UnknownNameError, check_range
+from laploop.errors import InvalidValueError, UnknownNameError
 
 TrocarName = Literal["none", "lubricated", "dry"]
 """The named trocars, in the order in which they are listed to users."""
 
 _LEAST_MASS_KG, _LEAST_MASS_ALONG_KG = 0.5, 4.0
-"""Below the least inertia that either arm has against a push across its shaft in its port, 0.83 kg, and along it, 4.3 kg,
-by `1 / max eig(J inv(M) J^T)` over postures within 0.3 rad of home."""
+"""Bounds below the smallest apparent mass of either arm at its port: 0.83 kg across the shaft, 4.3 kg along it, measured as
+`1 / max eig(J inv(M) J^T)` over postures within 0.3 rad of home."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class TrocarConfig:
     """The abdominal wall around a trocar, and the seal in it.
 
@@ -24,38 +24,28 @@ class TrocarConfig:
     2006;20:987), t = 30 mm of wall, nu = 0.5, a = 6 mm and R = 100 mm, that is 0.8 to 1.5 N/mm. The tension of the inflated
     wall, 12 mmHg times a radius of curvature of 0.2 m, adds `2 pi T / ln(R / a)` = 0.7 N/mm at most. 2 N/mm is their upper end.
 
-    Friction is 0.25 to 8 N in trocars of 12 mm, depending on the seal, speed and tilt, and silicone oil takes three quarters
-    of its peak (Proc IMechE H 2015;229:271). The lip of a seal bends before it slips; over how long a way is our estimate.
+    Friction is 0.25 to 8 N in trocars of 12 mm, depending on the seal, speed and tilt; silicone oil lowers its peak by three
+    quarters (Proc IMechE H 2015;229:271). The lip of a seal bends before it slips; the distance is our estimate.
     """
 
-    stiffness_n_m: float = 2000.0
-    """Lateral force of the wall over the shaft's distance from its place; the reason why errors at the trocar cost force."""
-    damping_ns_m: float = 20.0
-    """Lateral force over lateral speed."""
-    friction_n: float = 0.75
-    """Force at which the shaft slides, along itself and in rotation (at its surface) together."""
-    presliding_m: float = 0.0005
-    """Way that the shaft gives under that force before it slides."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        check_range("stiffness_n_m", self.stiffness_n_m, 0.0, 20_000.0)
-        check_range("damping_ns_m", self.damping_ns_m, 0.0, 100.0)
-        check_range("friction_n", self.friction_n, 0.0, 20.0)
-        check_range("presliding_m", self.presliding_m, 0.0001, 0.005)
+    stiffness_n_m: Annotated[float, Field(ge=0.0, le=20_000.0)] = 2000.0
+    """Lateral force of the wall per distance of the shaft from the port."""
+    damping_ns_m: Annotated[float, Field(ge=0.0, le=100.0)] = 20.0
+    """Lateral force per lateral speed."""
+    friction_n: Annotated[float, Field(ge=0.0, le=20.0)] = 0.75
+    """Force at which the shaft slides, along its axis and in rotation (at its surface) together."""
+    presliding_m: Annotated[float, Field(ge=0.0001, le=0.005)] = 0.0005
+    """Displacement under that force before the shaft slides."""
 
     @classmethod
     def named(cls, name: str) -> "TrocarConfig":
         """Make one of the named trocars.
 
-        `none` is a mere point in space, `lubricated` the default, `dry` the same wall with the greatest friction measured.
+        `none` is a point in space without force, `lubricated` the default, `dry` the same wall with the greatest friction
+        measured.
 
         Raises:
-            UnknownNameError: If nobody knows the name.
+            UnknownNameError: If there is no trocar of this name.
         """
         if name not in get_args(TrocarName):
             raise UnknownNameError("trocar", name, get_args(TrocarName))
@@ -69,7 +59,7 @@ class TrocarConfig:
         return max(self.stiffness_n_m, self.damping_ns_m, self.friction_n) > 0.0
 
     def check_timestep(self, timestep_s: float) -> None:
-        """Check that the forces, which are those at the begin of a physics step, stay far from shaking the arm.
+        """Check that the forces, held constant over each physics step, keep the arm stable.
 
         A mass m on a spring k with damping c is stable under semi-implicit Euler steps h while `h^2 k + 2 h c < 4 m`; a
         quarter of that is allowed.
@@ -88,16 +78,20 @@ class TrocarConfig:
 
 
 class Trocar:
-    """One arm's trocar in a running simulation; deterministic, plain numbers, no state but the step before.
+    """One arm's trocar in a running simulation; deterministic, its only state that of the previous step.
 
-    With e the way from the port's place to the nearest point of the shaft's axis, the wall pushes that point with
-    `-(stiffness e + damping e')`. The seal is a bristle of two components, way along the shaft and way of its surface
-    around it, that bends with the shaft up to `presliding_m` and then slides: a spring with a slider, so that the shaft
-    sticks under small forces, slides under `friction_n`, and never gets back more energy than it gave.
+    With e the vector from the port to the nearest point of the shaft's axis, the wall pushes that point with
+    `-(stiffness e + damping e')`. The seal is a bristle with two components, displacement along the shaft and displacement of
+    its surface around the axis, that bends with the shaft up to `presliding_m` and then slides: a spring in series with a
+    slider, so that the shaft sticks under small forces, slides under `friction_n`, and never gains energy.
+
+    Attributes:
+        lateral_force_n: Force of the wall across the shaft in the last step.
+        friction_force_n: Force of the seal along the shaft in the last step.
     """
 
     def __init__(self, config: TrocarConfig, arm: Arm, model: Any, data: Any) -> None:
-        """Take an arm's shaft in a compiled model; `reset` comes before the first `apply`."""
+        """Act on an arm's shaft in a compiled model; call `reset` before the first `apply`."""
         body = int(model.site_bodyid[arm.tip_site])
         self.config = config
         x, y, z = arm.trocar_in_world
@@ -105,7 +99,7 @@ class Trocar:
         self._radius_m = 0.5 * arm.shaft.diameter_m
         self._timestep_s = float(model.opt.timestep)
         self._bristle_n_m = config.friction_n / config.presliding_m
-        # Views of MuJoCo's own memory, which stays where it is.
+        # Views into MuJoCo's memory, which never moves.
         self._tip = data.site_xpos[arm.tip_site]
         self._rotation = data.site_xmat[arm.tip_site]
         self._centre = data.xipos[body]
@@ -113,7 +107,7 @@ class Trocar:
         self.reset()
 
     def reset(self) -> None:
-        """Let the wall and the seal go slack where the shaft is now; kinematics must be fresh."""
+        """Relax wall and seal at the shaft's present pose; kinematics must be fresh."""
         self.lateral_force_n = 0.0
         self.friction_force_n = 0.0
         self._along = self._around = 0.0
@@ -121,7 +115,7 @@ class Trocar:
         self._offset_before, self._depth_before = self._place(self._tip.tolist(), self._rotation_before)
 
     def apply(self) -> None:
-        """Put the port's force of the coming physics step on the shaft; kinematics must be fresh, as after `mj_step1`."""
+        """Apply the port's force on the shaft for the coming physics step; kinematics must be fresh, as after `mj_step1`."""
         tip, rotation = self._tip.tolist(), self._rotation.tolist()
         offset, depth = self._place(tip, rotation)
         axis_x, axis_y, axis_z = rotation[2], rotation[5], rotation[8]
@@ -157,7 +151,7 @@ class Trocar:
         self._rotation_before, self._offset_before, self._depth_before = rotation, offset, depth
 
     def _place(self, tip: list[float], rotation: list[float]) -> tuple[tuple[float, float, float], float]:
-        """Return the way from the port to the nearest point of the axis, and how deep the tip lies beyond that point."""
+        """Return the vector from the port to the nearest point of the axis, and the distance of the tip beyond it, metres."""
         axis_x, axis_y, axis_z = rotation[2], rotation[5], rotation[8]
         port = self._port
         x, y, z = tip[0] - port[0], tip[1] - port[1], tip[2] - port[2]
@@ -165,7 +159,7 @@ class Trocar:
         return (x - depth * axis_x, y - depth * axis_y, z - depth * axis_z), depth
 
     def _bend(self, along_m: float, around_m: float) -> None:
-        """Carry the bristle with the shaft, and let it slide where it would bend too far."""
+        """Bend the bristle with the shaft; let it slide beyond `presliding_m`."""
         self._along += along_m
         self._around += around_m
         bent = math.hypot(self._along, self._around)

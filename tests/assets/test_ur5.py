@@ -7,8 +7,8 @@ import pytest
 
 from laploop.assets.laparoscope import SHAFT_TIP, build_laparoscope
 from laploop.assets.shafts import LAPAROSCOPE
-from laploop.assets.ur5 import ARMATURE, VELOCITY_GAIN_RATIO_S, build_ur5
-from laploop.assets.ur5_description import FLANGE, JOINT_NAMES, urdf_path
+from laploop.assets.ur5 import ARMATURE, build_ur5
+from laploop.assets.ur5_description import FLANGE, JOINT_NAMES, VELOCITY_GAIN_RATIO_S, urdf_path
 from laploop.errors import InvalidValueError
 
 # Two implementations of the same formulas in float64 on numbers of order 100.
