@@ -6,8 +6,6 @@ from .mask_fabrication import FabricationRoute as FabricationRoute
 from .mask_fabrication import fabricated as fabricated
 from .operating_table import build_operating_table as build_operating_table
 from .operating_table import build_stage as build_stage
-from .phantom import TissueConfig as TissueConfig
-from .phantom import TissueMaterial as TissueMaterial
 from .phantom import build_phantom as build_phantom
 from .phantom_mesh import load_phantom as load_phantom
 from .scope_optics import ScopeOptics as ScopeOptics
@@ -15,7 +13,9 @@ from .shafts import INSTRUMENT as INSTRUMENT
 from .shafts import LAPAROSCOPE as LAPAROSCOPE
 from .shafts import Shaft as Shaft
 from .stripe_mask import StripeMask as StripeMask
-from .tissue_shape import TissueShape as TissueShape
+from .tissue_config import TissueConfig as TissueConfig
+from .tissue_config import TissueMaterial as TissueMaterial
+from .tissue_config import TissueShape as TissueShape
 from .ur5 import build_ur5 as build_ur5
 
 __all__ = [

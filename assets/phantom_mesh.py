@@ -6,6 +6,7 @@ nobody has to install): unlike the AGPL's and GPL's meshers it may stand beside 
 of even resolution of whatever triangles it is given, within a thousandth of the body's diagonal.
 """
 
+import functools
 import json
 import subprocess
 import sys
@@ -16,12 +17,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from laploop.assets.self_intersection import crossing_triangles
 from laploop.assets.solid_store import Solid, stored_solid
-from laploop.assets.tissue_shape import TissueMesh
-from laploop.errors import InvalidValueError, MissingFileError
+from laploop.assets.tissue_mesh import TissueMesh, solid_from_tetrahedra
+from laploop.errors import InvalidValueError, check_file
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,6 @@ solid = pytetwild.tetrahedralize(surface["points"], surface["triangles"], num_th
 np.savez("solid.npz", points=solid[0], tetrahedra=solid[1])
 """
 _CROSSING_TOLERANCE_MM = 1e-4
-_UNDERSIDE_M = 0.001
 
 
 def load_phantom(path: Path | str) -> TissueMesh:
@@ -62,7 +61,14 @@ def load_phantom(path: Path | str) -> TissueMesh:
             `MAX_TRIANGLES` triangles and of a size within `WIDTH_RANGE_MM` and `HEIGHT_RANGE_MM`; or if the extra `mesh`
             is not installed.
     """
-    path = Path(path)
+    found = _existing(path).resolve()
+    stat = found.stat()
+    return _loaded(found, (stat.st_mtime_ns, stat.st_size))
+
+
+@functools.lru_cache(maxsize=4)
+def _loaded(path: Path, _stamp: tuple[int, int]) -> TissueMesh:
+    """Load a phantom once as long as its file does not change: every reset of an environment asks for it."""
     points, triangles = checked_surface(path)
     settings: dict[str, Any] = {"edge_length_fac": _EDGE_FRACTION, "epsilon": _ENVELOPE_FRACTION, "stop_energy": _STOP_ENERGY}
     recipe = f"pytetwild {version('pytetwild')} {settings}"
@@ -104,15 +110,11 @@ def checked_surface(path: Path) -> tuple[Array, NDArray[np.int32]]:
         MissingFileError: As `load_phantom`.
         InvalidValueError: As `load_phantom`.
     """
-    if path.suffix.lower() not in SUFFIXES:
-        raise InvalidValueError("suffix of the phantom's file", path.suffix, " or ".join(SUFFIXES))
-    if not path.is_file():
-        raise MissingFileError("phantom", path, f"give the path of a closed surface in millimetres ({', '.join(SUFFIXES)})")
-    surface = _read(path)
+    surface = _read(_existing(path))
     name = f"phantom {path.name}"
     points, triangles = np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int32)
     _check_size(name, points, triangles)
-    _check_closed(name, triangles, oriented=bool(surface.is_winding_consistent))
+    _check_closed(name, surface)
     crossing = crossing_triangles(points, triangles, tolerance=_CROSSING_TOLERANCE_MM)
     if crossing is not None:
         where = points[triangles[crossing[0]]].mean(axis=0).round(1).tolist()
@@ -122,48 +124,10 @@ def checked_surface(path: Path) -> tuple[Array, NDArray[np.int32]]:
     return points, triangles if _volume(points[triangles]) > 0.0 else triangles[:, ::-1].copy()
 
 
-def solid_from_tetrahedra(points: Array, tetrahedra: NDArray[np.int32]) -> TissueMesh:
-    """Place a solid on the plate and find its surface.
-
-    The top are the triangles that a straight look down sees; all others but the underside, which lies on the plate, are sides.
-
-    Args:
-        points: (n, 3), metres, z up, anywhere.
-        tetrahedra: (m, 4), of either orientation.
-    """
-    low, high = points.min(axis=0), points.max(axis=0)
-    points = points - np.array([0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1]), low[2]])
-    tetrahedra = np.array(tetrahedra, dtype=np.int32)
-    corners = points[tetrahedra]
-    turned = np.linalg.det(corners[:, 1:] - corners[:, :1]) < 0.0
-    tetrahedra[turned] = tetrahedra[turned][:, [0, 2, 1, 3]]
-    # Three corners of a positive tetrahedron are anticlockwise from outside in these orders.
-    faces = np.concatenate([tetrahedra[:, order] for order in ([1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1])])
-    _, first, uses = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    shell = faces[first[uses == 1]]
-    normals = _normals(points[shell])
-    underside = (normals[:, 2] < 0.0) & np.all(points[shell, 2] < _UNDERSIDE_M, axis=1)
-    shell, normals = shell[~underside], normals[~underside]
-    top = _seen_from_above(points[shell], normals)
-    triangles = np.concatenate([shell[top], shell[~top]])
-    top_vertices = np.unique(shell[top])
-    surface = np.concatenate([top_vertices, np.setdiff1d(shell[~top], top_vertices)]).astype(np.int32)
-    place = np.full(len(points), -1, dtype=np.int32)
-    place[surface] = np.arange(surface.size, dtype=np.int32)
-    return TissueMesh(
-        points=points,
-        tetrahedra=tetrahedra,
-        surface_vertices=surface,
-        triangles=place[triangles],
-        top_triangle_count=int(top.sum()),
-    )
-
-
-def mean_top_height(mesh: TissueMesh) -> float:
-    """Return the mean height above the plate, in metres, of what a straight look down sees, averaged over the plan."""
-    corners = mesh.points[mesh.surface_vertices][mesh.triangles[: mesh.top_triangle_count]]
-    plan = _normals(corners)[:, 2]
-    return float(np.sum(plan * corners[:, :, 2].mean(axis=1)) / plan.sum())
+def _existing(path: Path | str) -> Path:
+    if Path(path).suffix.lower() not in SUFFIXES:
+        raise InvalidValueError("suffix of the phantom's file", Path(path).suffix, " or ".join(SUFFIXES))
+    return check_file("phantom", path, f"give the path of a closed surface in millimetres ({', '.join(SUFFIXES)})")
 
 
 def _read(path: Path) -> Any:
@@ -198,56 +162,18 @@ def _check_size(name: str, points: Array, triangles: NDArray[np.int32]) -> None:
             raise InvalidValueError(f"size of {name} along {axis}", f"{extent:.6g} mm", f"{low:g} to {high:g} mm (z is up)")
 
 
-def _check_closed(name: str, triangles: NDArray[np.int32], *, oriented: bool) -> None:
-    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    _, uses = np.unique(edges, axis=0, return_counts=True)
+def _check_closed(name: str, surface: Any) -> None:
+    _, uses = np.unique(surface.edges_sorted, axis=0, return_counts=True)
     if np.any(uses != 2):
         allowed = "0: a closed surface, two triangles at every edge; fill its holes first"
         raise InvalidValueError(f"number of open or overcrowded edges of {name}", int((uses != 2).sum()), allowed)
-    if not oriented:
+    if not surface.is_winding_consistent:
         raise InvalidValueError(f"orientation of {name}", "mixed", "all triangles anticlockwise from outside")
-    bodies = _connected(triangles)
-    if bodies != 1:
+    if surface.body_count != 1:
+        bodies = int(surface.body_count)
         raise InvalidValueError(f"number of separate surfaces of {name}", bodies, "1: a single body without cavities")
-
-
-def _connected(triangles: NDArray[np.int32]) -> int:
-    """Return the number of pieces that hang together by corners."""
-    used, index = np.unique(triangles, return_inverse=True)
-    index = index.reshape(-1, 3)
-    links = (np.concatenate([index[:, 0], index[:, 1]]), np.concatenate([index[:, 1], index[:, 2]]))
-    graph = sparse.coo_matrix((np.ones(links[0].size), links), shape=(used.size, used.size))
-    return int(sparse.csgraph.connected_components(graph, directed=False, return_labels=False))
 
 
 def _volume(corners: Array) -> float:
     """Return the volume inside triangles (m, 3, 3) that are anticlockwise from outside."""
     return float(np.linalg.det(corners - corners[0, 0]).sum() / 6.0)
-
-
-def _normals(corners: Array) -> Array:
-    """Return the outward normals of triangles (m, 3, 3), each as long as its area."""
-    return np.asarray(0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-
-
-def _seen_from_above(corners: Array, normals: Array) -> NDArray[np.bool_]:
-    """Tell which triangles (m, 3, 3) face up and have no other one above their middle."""
-    seen: NDArray[np.bool_] = normals[:, 2] > 1e-3 * np.linalg.norm(normals, axis=1)
-    rows = np.flatnonzero(seen)
-    middles = corners[rows].mean(axis=1)
-    low, high = corners.min(axis=1), corners.max(axis=1)
-    for k in rows:
-        # Middles in this triangle's box and below its highest point; then below its plane, inside its outline.
-        near = rows[
-            np.all((middles[:, :2] >= low[k, :2]) & (middles[:, :2] <= high[k, :2]), axis=1) & (middles[:, 2] < high[k, 2])
-        ]
-        near = near[near != k]
-        if near.size == 0:
-            continue
-        point = corners[near].mean(axis=1)
-        edges = np.roll(corners[k], -1, axis=0) - corners[k]
-        offsets = point[:, None, :2] - corners[k, :, :2]
-        inside = np.all(edges[:, 0] * offsets[..., 1] - edges[:, 1] * offsets[..., 0] > 0.0, axis=1)
-        below = (point - corners[k, 0]) @ normals[k] < 0.0
-        seen[near[inside & below]] = False
-    return seen

@@ -9,8 +9,8 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
-from laploop.assets.phantom import TissueConfig
 from laploop.assets.phantom_mesh import load_phantom
+from laploop.assets.tissue_config import TissueConfig
 from laploop.control.controllers.registry import make_controller
 from laploop.control.messages import TipController
 from laploop.control.targeting.targeting import PredictionName
@@ -123,9 +123,11 @@ class EpisodeConfig:
         """
         default: TaskConfig = task_environment(self.task).default_config()
         held: dict[str, Any] = {} if self.hold_s is None else {"success_hold_s": self.hold_s}
+        if self.phantom is not None:
+            load_phantom(self.phantom)
         return replace(
             default,
-            tissue=TissueConfig(solid=None if self.phantom is None else load_phantom(self.phantom)),
+            tissue=TissueConfig(mesh=self.phantom),
             motion=BaseMotion.named(self.motion_name()),
             loop=LoopConfig(
                 latency=self._latency(),

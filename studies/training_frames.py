@@ -10,9 +10,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from laploop.assets.phantom import TissueConfig
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.shafts import INSTRUMENT
+from laploop.assets.tissue_config import TissueConfig
 from laploop.envs.sensors.optics.scope_ranges import ScopeRanges, draw_scope
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.errors import InvalidValueError, OutputError, check_range

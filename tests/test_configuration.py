@@ -20,6 +20,8 @@ class Lens:
     elements: Annotated[int, Field(ge=1, le=20)] = 6
     coating: Literal["none", "single", "multi"] = "multi"
     centre_px: tuple[float, float] = (128.0, 128.0)
+    columns: Annotated[int, Field(ge=16, le=4096, multiple_of=2)] = 256
+    filters: Annotated[tuple[float, ...], Field(min_length=1, max_length=3)] = (0.5,)
     profile: Path | None = None
 
 
@@ -62,6 +64,8 @@ class Camera:
         ({"coating": "gold"}, "unknown coating 'gold'; available: multi, none, single"),
         ({"centre_px": [1.0, 2.0]}, "centre_px is [1.0, 2.0]; allowed: 2 values, each a finite number"),
         ({"centre_px": (1.0, float("inf"))}, "centre_px.1 is inf; allowed: a finite number"),
+        ({"columns": 17}, "columns is 17; allowed: a multiple of 2, 16 to 4096"),
+        ({"filters": ()}, "filters is (); allowed: 1 to 3 values, each a finite number"),
         ({"profile": "a.json"}, "profile is 'a.json'; allowed: a path, or none"),
         ({"focal": 4.0}, "unknown field 'focal'; did you mean 'focal_mm'? available: "),
     ],

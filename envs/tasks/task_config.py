@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from laploop.assets.phantom import TissueConfig
+from laploop.assets.tissue_config import TissueConfig
 from laploop.envs.loop.closed_loop import LoopConfig
 from laploop.envs.tasks.target_choice import TargetChoiceConfig
 from laploop.envs.theatre.organ_motion import BaseMotion

@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass, field
 
-from laploop.assets.phantom import TissueConfig
 from laploop.assets.scope_optics import ScopeOptics
+from laploop.assets.tissue_config import TissueConfig
 from laploop.envs.theatre.actuation import ActuationConfig
 from laploop.envs.theatre.organ_motion import BaseMotion
 from laploop.envs.theatre.stage_travel import StageTravel

@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 from laploop.assets.instrument import build_instrument
 from laploop.assets.laparoscope import SHAFT_TIP, build_laparoscope
 from laploop.assets.operating_table import STAGE_PLATE_THICKNESS_M, build_operating_table, build_stage
-from laploop.assets.phantom import TISSUE, TissueConfig, build_phantom
-from laploop.assets.phantom_mesh import mean_top_height
+from laploop.assets.phantom import TISSUE, build_phantom
+from laploop.assets.phantom_mesh import load_phantom
 from laploop.assets.shafts import INSTRUMENT, LAPAROSCOPE
-from laploop.assets.tissue_shape import TissueMesh, height_field, solid_mesh
+from laploop.assets.tissue_config import TissueConfig
+from laploop.assets.tissue_mesh import TissueMesh, mean_top_height, solid_mesh
+from laploop.assets.tissue_shape import height_field
 from laploop.assets.ur5 import build_ur5
 from laploop.assets.ur5_description import FLANGE
 from laploop.control.arm.model import ArmModel
@@ -56,10 +58,10 @@ class Scene:
     working_distance_m: float
 
 
-def build_scene(config: TheatreConfig, rng: np.random.Generator) -> Scene:
-    """Compose and compile the theatre of a config; all that is random comes from `rng`."""
+def build_scene(config: TheatreConfig, rng: np.random.Generator, solid: TissueMesh | None = None) -> Scene:
+    """Compose and compile the theatre of a configuration; `solid` is a phantom in place of the configuration's."""
     layout = config.layout
-    mesh, mean_height, top_height = _tissue(config.tissue, rng)
+    mesh, mean_height, top_height = _tissue(config.tissue, rng, solid)
     drawn_distance = float(rng.uniform(*_WORKING_DISTANCE_RANGE_M))
     tip_x, tip_y = rng.uniform(0.036, 0.042), rng.uniform(-0.008, 0.008)
     distance = drawn_distance if config.working_distance_m is None else config.working_distance_m
@@ -97,10 +99,12 @@ def build_scene(config: TheatreConfig, rng: np.random.Generator) -> Scene:
     )
 
 
-def _tissue(config: TissueConfig, rng: np.random.Generator) -> tuple[TissueMesh, float, float]:
-    """Return the solid, its mean height as seen from above, and its greatest, both in metres above the stage."""
-    if config.solid is not None:
-        return config.solid, mean_top_height(config.solid), float(config.solid.points[:, 2].max())
+def _tissue(config: TissueConfig, rng: np.random.Generator, solid: TissueMesh | None) -> tuple[TissueMesh, float, float]:
+    """Return the solid, the mean height of its top and its greatest height, both in metres above the stage."""
+    if solid is None and config.mesh is not None:
+        solid = load_phantom(config.mesh)
+    if solid is not None:
+        return solid, mean_top_height(solid), float(solid.points[:, 2].max())
     height = height_field(config.shape, rng)
     return solid_mesh(config.shape, height), float(height.mean()), float(height.max())
 

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from laploop.assets.instrument import TIP
 from laploop.assets.laparoscope import CAMERA, PROJECTOR
+from laploop.assets.tissue_mesh import TissueMesh
 from laploop.envs.theatre.actuation import Actuation
 from laploop.envs.theatre.arm import Arm
 from laploop.envs.theatre.config import TheatreConfig
@@ -37,10 +38,10 @@ class Theatre:
     of the last `refresh` (or one physics step old after `step`, as MuJoCo leaves them).
     """
 
-    def __init__(self, config: TheatreConfig) -> None:
-        """Build, compile and settle the theatre of a config."""
+    def __init__(self, config: TheatreConfig, *, solid: TissueMesh | None = None) -> None:
+        """Build, compile and settle the theatre of a configuration; `solid` is a phantom in place of the configuration's."""
         shape_rng, motion_rng = np.random.default_rng(config.seed).spawn(2)
-        scene = build_scene(config, shape_rng)
+        scene = build_scene(config, shape_rng, solid)
         self.config = config
         self.motion = config.motion.with_phases(motion_rng)
         self.working_distance_m = scene.working_distance_m

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.assets.tissue_shape import TissueMesh
+from laploop.assets.tissue_mesh import TissueMesh
 
 Array = NDArray[np.float64]
 

@@ -213,12 +213,14 @@ def _in_words(annotation: Any) -> str:
     kind = _bare(annotation)
     if get_origin(kind) is Literal:
         return "one of " + ", ".join(map(str, get_args(kind)))
-    if get_origin(kind) is tuple:
-        return _tuple_in_words(kind)
     bounds = _bounds(annotation)
+    if get_origin(kind) is tuple:
+        return _tuple_in_words(kind, bounds)
     if not bounds:
         return _NOUNS.get(kind, "")
     noun = "an integer, " if kind is int else ""
+    if "multiple_of" in bounds:
+        noun = f"a multiple of {_shown(bounds.pop('multiple_of'))}, "
     if bounds.keys() == {"ge", "le"}:
         return f"{noun}{_shown(bounds['ge'])} to {_shown(bounds['le'])}"
     words = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
@@ -235,9 +237,12 @@ _NOUNS = {
 }
 
 
-def _tuple_in_words(annotation: Any) -> str:
+def _tuple_in_words(annotation: Any, bounds: Mapping[str, float]) -> str:
     parts = get_args(annotation)
-    count = "any number of values" if Ellipsis in parts else f"{len(parts)} values"
+    if Ellipsis not in parts:
+        count = f"{len(parts)} values"
+    else:
+        count = f"{bounds['min_length']} to {bounds['max_length']} values" if bounds else "any number of values"
     each = {words for part in parts if part is not Ellipsis and (words := _in_words(part))}
     return f"{count}, each {each.pop()}" if len(each) == 1 else count
 
@@ -246,9 +251,10 @@ def _bounds(annotation: Any) -> dict[str, float]:
     if get_origin(annotation) is not Annotated:
         return {}
     declared = [one for extra in get_args(annotation)[1:] for one in (extra, *getattr(extra, "metadata", ()))]
-    return {
-        key: getattr(one, key) for one in declared for key in ("gt", "ge", "lt", "le") if getattr(one, key, None) is not None
-    }
+    return {key: getattr(one, key) for one in declared for key in _BOUNDS if getattr(one, key, None) is not None}
+
+
+_BOUNDS = ("gt", "ge", "lt", "le", "multiple_of", "min_length", "max_length")
 
 
 def _shown(number: float) -> str:

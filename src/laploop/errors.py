@@ -4,6 +4,7 @@ Each class is a `LaploopError` and also the built-in that fits it, so that calle
 wrong, the offending value, and what is allowed.
 """
 
+import contextlib
 from collections.abc import Iterable
 from difflib import get_close_matches
 from pathlib import Path
@@ -76,6 +77,20 @@ class SimulationError(LaploopError, RuntimeError):
 
 class InfeasibleError(LaploopError, RuntimeError):
     """A control problem without a solution inside the limits."""
+
+
+def check_file(what: str, path: Path | str, remedy: str) -> Path:
+    """Return the path of a file that exists, its `~` expanded.
+
+    Raises:
+        MissingFileError: If there is no such file, or the path cannot be one.
+    """
+    # Names that are too long, unknown users and folders that may not be read raise errors of other kinds.
+    with contextlib.suppress(OSError, RuntimeError, ValueError):
+        found = Path(path).expanduser()
+        if found.is_file():
+            return found
+    raise MissingFileError(what, path, remedy)
 
 
 def check_range(name: str, value: float, low: float, high: float) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from laploop.assets.phantom import TissueConfig
+from laploop.assets.tissue_config import TissueConfig
 from laploop.envs.sensors.optics.presets import OpticsRanges, Range
 from laploop.errors import InvalidValueError, UnknownNameError, check_range
 from laploop.perception.data.frame_store import SPLITS
@@ -98,8 +98,10 @@ class AcquisitionConfig:
             raise InvalidValueError("seed", self.seed, "an integer from 0")
         if self.engine not in ENGINES:
             raise UnknownNameError("engine", self.engine, ENGINES)
-        if self.tissue.solid is not None:
-            raise InvalidValueError("tissue.solid", "a mesh", "None: every tissue of a collection is grown from its seed")
+        if self.tissue.mesh is not None:
+            raise InvalidValueError(
+                "tissue.mesh", self.tissue.mesh, "none: every tissue of a collection is grown from its seed"
+            )
         if self.split_tissues is not None:
             counts = tuple(self.split_tissues)
             if len(counts) != len(SPLITS) or min(counts) < 0 or sum(counts) != self.tissue_count:

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.assets.phantom import TissueConfig
 from laploop.assets.scope_optics import ScopeOptics
-from laploop.assets.tissue_shape import TissueShape
+from laploop.assets.tissue_config import TissueConfig, TissueShape
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.envs.sensors.stripe_camera import StripeCamera

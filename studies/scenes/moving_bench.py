@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from laploop.assets.instrument import VISIBLE_GROUP
-from laploop.assets.phantom import TissueConfig
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.shafts import LAPAROSCOPE
+from laploop.assets.tissue_config import TissueConfig
 from laploop.assets.ur5 import ARM_GROUP
 from laploop.errors import SimulationError
 from laploop.studies.scenes.training_scene import TIMESTEP_S, TrainingScene

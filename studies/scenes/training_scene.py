@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from laploop.assets.instrument import build_instrument
 from laploop.assets.operating_table import build_stage
-from laploop.assets.phantom import TISSUE, TissueConfig, build_phantom
+from laploop.assets.phantom import TISSUE, build_phantom
 from laploop.assets.shafts import INSTRUMENT
-from laploop.assets.tissue_shape import height_field, solid_mesh
+from laploop.assets.tissue_config import TissueConfig
+from laploop.assets.tissue_mesh import solid_mesh
+from laploop.assets.tissue_shape import height_field
 
 Array = NDArray[np.float64]
 

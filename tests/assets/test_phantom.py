@@ -4,8 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from laploop.assets.phantom import TISSUE, TissueConfig, TissueMaterial, build_phantom
-from laploop.assets.tissue_shape import height_field, solid_mesh
+from laploop.assets.phantom import TISSUE, build_phantom
+from laploop.assets.tissue_config import TissueConfig, TissueMaterial
+from laploop.assets.tissue_mesh import solid_mesh
+from laploop.assets.tissue_shape import height_field
 from laploop.errors import InvalidValueError
 
 CONFIG = TissueConfig()

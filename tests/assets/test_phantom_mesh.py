@@ -7,9 +7,10 @@ import pytest
 import trimesh
 
 from laploop.assets import phantom_mesh
-from laploop.assets.phantom_mesh import checked_surface, load_phantom, mean_top_height, solid_from_tetrahedra
+from laploop.assets.phantom_mesh import checked_surface, load_phantom
 from laploop.assets.self_intersection import crossing_triangles
 from laploop.assets.solid_store import cache_folder
+from laploop.assets.tissue_mesh import mean_top_height, solid_from_tetrahedra
 from laploop.errors import InvalidValueError, MissingFileError
 
 
@@ -31,6 +32,12 @@ def dome():
     # The lower half, pressed flat, is the underside.
     mesh.apply_scale((40.0, 40.0, 25.0))
     return mesh
+
+
+def load_anew(path):
+    """Load a phantom as a new process does."""
+    phantom_mesh._loaded.cache_clear()
+    return load_phantom(path)
 
 
 @pytest.fixture(scope="module")
@@ -103,11 +110,11 @@ def test_mesher_leaves_nothing_behind_and_its_failure_is_told(tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     path = saved(box(30.0, 30.0, 12.0), tmp_path)
     monkeypatch.setattr(phantom_mesh, "_EDGE_FRACTION", 0.1)
-    load_phantom(path)
+    load_anew(path)
     assert sorted(entry.name for entry in tmp_path.iterdir()) == ["body.stl", "cache"]
     monkeypatch.setattr(phantom_mesh, "_EDGE_FRACTION", -1.0)
     with pytest.raises(InvalidValueError, match=r"phantom body\.stl is 'ValueError.*allowed: a body that fTetWild can fill"):
-        load_phantom(path)
+        load_anew(path)
 
 
 @pytest.fixture
@@ -127,22 +134,22 @@ def fills(monkeypatch):
 def test_equal_files_give_equal_bits_from_the_cache(tmp_path, monkeypatch, fills):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     path = saved(box(), tmp_path)
-    first, second = load_phantom(path), load_phantom(path)
+    first, second = load_anew(path), load_anew(path)
     assert len(fills) == 1
     np.testing.assert_array_equal(first.points, second.points)
     np.testing.assert_array_equal(first.tetrahedra, second.tetrahedra)
     assert [kept.suffix for kept in cache_folder().iterdir()] == [".npz"]
-    load_phantom(saved(box(x=61.0), tmp_path))
+    load_anew(saved(box(x=61.0), tmp_path))
     assert len(fills) == 2
 
 
 def test_damaged_copy_in_the_cache_is_made_anew(tmp_path, monkeypatch, fills):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     path = saved(box(), tmp_path)
-    load_phantom(path)
+    load_anew(path)
     (kept,) = cache_folder().iterdir()
     kept.write_bytes(b"PK broken")
-    second, third = load_phantom(path), load_phantom(path)
+    second, third = load_anew(path), load_anew(path)
     assert len(fills) == 2
     np.testing.assert_array_equal(second.points, third.points)
 
@@ -151,7 +158,7 @@ def test_cache_that_cannot_be_written_does_no_harm(tmp_path, monkeypatch, fills)
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     path = saved(box(), tmp_path)
-    assert len(load_phantom(path).points) == len(load_phantom(path).points)
+    assert len(load_anew(path).points) == len(load_anew(path).points)
     assert len(fills) == 2
 
 
@@ -163,12 +170,23 @@ def test_solid_that_another_process_kept_first_is_taken(tmp_path, monkeypatch, f
     def overtaken(*arguments):
         if not inner:
             inner.append(None)
-            inner[0] = load_phantom(path)
+            inner[0] = load_anew(path)
         return slow(*arguments)
 
     monkeypatch.setattr(phantom_mesh, "_fill", overtaken)
-    np.testing.assert_array_equal(load_phantom(path).points, inner[0].points)
+    np.testing.assert_array_equal(load_anew(path).points, inner[0].points)
     assert len(fills) == 2
+
+
+def test_file_is_read_again_only_when_it_has_changed(tmp_path, monkeypatch, fills):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    path = saved(box(), tmp_path)
+    first = load_anew(path)
+    assert load_phantom(path) is first
+    saved(box(x=61.0).subdivide(), tmp_path)
+    assert load_phantom(path) is not first
+    with pytest.raises(ValueError, match="read-only"):
+        first.points[0] = 0.0
 
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])

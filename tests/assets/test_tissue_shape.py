@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 
-from laploop.assets.tissue_shape import TissueShape, height_field, solid_mesh
+from laploop.assets.tissue_config import TissueShape
+from laploop.assets.tissue_mesh import solid_mesh
+from laploop.assets.tissue_shape import height_field
 from laploop.errors import InvalidValueError
 
 SHAPE = TissueShape()

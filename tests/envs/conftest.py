@@ -3,8 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from laploop.assets.phantom import TissueConfig
-from laploop.assets.tissue_shape import TissueShape
+from laploop.assets.tissue_config import TissueConfig, TissueShape
 from laploop.control.controllers.registry import make_controller
 from laploop.envs.tasks.registry import task_environment
 

@@ -6,8 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from laploop.assets.phantom import TissueConfig
-from laploop.assets.tissue_shape import TissueShape
+from laploop.assets.tissue_config import TissueConfig, TissueShape
 from laploop.control.arm.model import ArmModel
 from laploop.control.arm.rcm_controller import RcmControllerConfig
 from laploop.envs.loop.limit_monitor import LimitMonitor

@@ -6,8 +6,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import laploop.envs  # noqa: F401  registers the environments
-from laploop.assets.phantom import TissueConfig
-from laploop.assets.tissue_shape import TissueShape
+from laploop.assets.tissue_config import TissueConfig, TissueShape
 from laploop.envs.loop.closed_loop import LoopConfig
 from laploop.envs.loop.latency import ConstantLatency
 from laploop.envs.tasks.reach import ReachConfig, ReachEnv

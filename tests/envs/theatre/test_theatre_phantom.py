@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from laploop.assets.phantom import TissueConfig
-from laploop.assets.phantom_mesh import load_phantom, mean_top_height, solid_from_tetrahedra
-from laploop.assets.tissue_shape import TissueShape, height_field, solid_mesh
+from laploop.assets.phantom_mesh import load_phantom
+from laploop.assets.tissue_config import TissueConfig, TissueShape
+from laploop.assets.tissue_mesh import mean_top_height, solid_from_tetrahedra, solid_mesh
+from laploop.assets.tissue_shape import height_field
 from laploop.control.arm.model import ArmModel
 from laploop.control.arm.start_posture import start_posture
 from laploop.envs.sensors.object_id import ObjectId
@@ -31,17 +32,22 @@ def bumpy_dome():
 
 
 @pytest.fixture(scope="module")
-def solid(tmp_path_factory):
+def path(tmp_path_factory):
     folder = tmp_path_factory.mktemp("phantom")
     bumpy_dome().export(folder / "dome.stl")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(folder))
-        return load_phantom(folder / "dome.stl")
+        yield folder / "dome.stl"
 
 
 @pytest.fixture(scope="module")
-def config(solid):
-    return TheatreConfig(seed=0, working_distance_m=0.085, tissue=TissueConfig(solid=solid))
+def solid(path):
+    return load_phantom(path)
+
+
+@pytest.fixture(scope="module")
+def config(path):
+    return TheatreConfig(seed=0, working_distance_m=0.085, tissue=TissueConfig(mesh=path))
 
 
 def test_it_stands_at_the_working_distance_and_hardly_sags(config, solid):
@@ -134,7 +140,7 @@ def test_spire_that_would_reach_the_scope_is_refused():
     points = np.array([[-0.1, -0.1, 0.0], [0.1, -0.1, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.078]])
     spire = solid_from_tetrahedra(points, np.array([[0, 1, 2, 3]]))
     with pytest.raises(InvalidValueError, match="room between the scope's tip and the highest point"):
-        Theatre(TheatreConfig(seed=0, working_distance_m=0.075, tissue=TissueConfig(solid=spire)))
+        Theatre(TheatreConfig(seed=0, working_distance_m=0.075), solid=spire)
 
 
 def test_body_that_would_press_the_stage_into_the_table_is_refused():
@@ -143,4 +149,4 @@ def test_body_that_would_press_the_stage_into_the_table_is_refused():
         np.array([*points, *(points * [1, 1, 0] + [0, 0, 0.078])]), np.array([[0, 1, 2, 3], [4, 5, 6, 3]])
     )
     with pytest.raises(InvalidValueError, match="height of the stage"):
-        Theatre(TheatreConfig(seed=0, working_distance_m=0.150, tissue=TissueConfig(solid=spire)))
+        Theatre(TheatreConfig(seed=0, working_distance_m=0.150), solid=spire)

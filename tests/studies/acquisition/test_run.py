@@ -10,10 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from laploop.assets.phantom import TissueConfig, TissueMaterial
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
-from laploop.assets.tissue_shape import TissueShape
+from laploop.assets.tissue_config import TissueConfig, TissueMaterial, TissueShape
 from laploop.envs.sensors.reference.optics import ReferenceOptics
 from laploop.errors import InvalidValueError, MissingFileError, OutputError, SimulationError
 from laploop.perception.calibration.calibration_file import save_calibration

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from laploop.assets.calibration_board import CalibrationBoard, blank_card
-from laploop.assets.phantom import TissueConfig
+from laploop.assets.tissue_config import TissueConfig
 from laploop.envs.sensors.reference.optics import ReferenceOptics
 from laploop.errors import InfeasibleError, InvalidValueError
 from laploop.perception.geometry import invert_transform, transform_points

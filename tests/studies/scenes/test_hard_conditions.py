@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from laploop.assets.phantom import TissueConfig
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
+from laploop.assets.tissue_config import TissueConfig
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.errors import InvalidValueError

@@ -3,8 +3,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from laploop.assets.phantom import TissueConfig
-from laploop.assets.tissue_shape import TissueShape
+from laploop.assets.tissue_config import TissueConfig, TissueShape
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.errors import SimulationError
 from laploop.studies.scenes.moving_bench import REFERENCE_SEES, SCOPE_SEES, SETTLED_M_S, SPEED_M_S, BenchScene
