@@ -1,7 +1,11 @@
+from .arm.model import SHAFT_TIP as SHAFT_TIP
 from .arm.model import ArmModel as ArmModel
+from .arm.named_limit import NamedLimit as NamedLimit
+from .arm.rcm_config import RcmControllerConfig as RcmControllerConfig
 from .arm.rcm_controller import RcmController as RcmController
-from .arm.rcm_controller import RcmControllerConfig as RcmControllerConfig
 from .arm.rcm_controller import RcmStatus as RcmStatus
+from .arm.rcm_task import RcmTask as RcmTask
+from .arm.start_posture import start_posture as start_posture
 from .controllers.look import LookController as LookController
 from .controllers.look import LookControllerConfig as LookControllerConfig
 from .controllers.palpate import PalpateController as PalpateController
@@ -25,18 +29,21 @@ from .targeting.targeting import Targeting as Targeting
 from .targeting.targeting import TargetingConfig as TargetingConfig
 
 __all__ = [
+    "SHAFT_TIP",
     "ArmModel",
     "ControlInput",
     "HeldMeasurement",
     "LookController",
     "LookControllerConfig",
     "MotionPredictor",
+    "NamedLimit",
     "PalpateController",
     "PalpateControllerConfig",
     "Prediction",
     "RcmController",
     "RcmControllerConfig",
     "RcmStatus",
+    "RcmTask",
     "ReachController",
     "ReachControllerConfig",
     "RhythmPredictor",
@@ -50,4 +57,5 @@ __all__ = [
     "TrackController",
     "TrackControllerConfig",
     "make_controller",
+    "start_posture",
 ]

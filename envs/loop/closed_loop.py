@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.scope_optics import ScopeOptics
-from laploop.control.arm.rcm_controller import RcmController, RcmControllerConfig, RcmStatus
+from laploop.control.arm.rcm_config import RcmControllerConfig
+from laploop.control.arm.rcm_controller import RcmController, RcmStatus
 from laploop.control.messages import ControlInput
 from laploop.envs.loop.clock_rates import ClockRates
 from laploop.envs.loop.faults import Fault, FaultInjector

@@ -11,7 +11,7 @@ from laploop.assets.instrument import HOLDER_LENGTH_M as INSTRUMENT_HOLDER_M
 from laploop.assets.laparoscope import HOLDER_LENGTH_M as LAPAROSCOPE_HOLDER_M
 from laploop.control.arm.clearance_limits import nearest_parameters
 from laploop.control.arm.model import ArmModel
-from laploop.control.arm.rcm_controller import RcmControllerConfig
+from laploop.control.arm.rcm_config import RcmControllerConfig
 from laploop.envs.theatre.theatre import Theatre
 
 Array = NDArray[np.float64]

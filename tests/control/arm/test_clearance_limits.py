@@ -3,7 +3,8 @@ import pytest
 
 from laploop.assets.shafts import LAPAROSCOPE
 from laploop.control.arm.clearance_limits import ShaftClearanceLimit, WallLimit, nearest_parameters
-from laploop.control.arm.rcm_controller import RcmController, RcmControllerConfig, RcmStatus
+from laploop.control.arm.rcm_config import RcmControllerConfig
+from laploop.control.arm.rcm_controller import RcmController, RcmStatus
 from laploop.errors import InvalidValueError
 
 DT = 0.008
@@ -43,12 +44,12 @@ def test_nearest_points_of_parallel_segments_are_found():
 def test_shaft_comes_to_rest_before_another_one(tool):
     controller = start(tool)
     controller.set_other_shaft(parallel_scope(tool, 0.012), LAPAROSCOPE)
-    assert controller.shaft_room_m == pytest.approx(0.012, abs=1e-6)
+    assert controller.shaft_clearance_m == pytest.approx(0.012, abs=1e-6)
     for _ in range(100):
         _, qdot = controller.step([0.0, 0.05, 0.0], DT)
         assert controller.last_status is not RcmStatus.HELD
         assert controller.rcm_error_m < 1e-5
-    assert controller.shaft_room_m == pytest.approx(0.003, abs=1e-4)
+    assert controller.shaft_clearance_m == pytest.approx(0.003, abs=1e-4)
     assert controller.last_status is RcmStatus.LIMITED
     assert "the other shaft" in controller.last_reason
     assert np.abs(qdot).max() < 0.01  # rad/s: no joint runs away for nothing
@@ -56,7 +57,7 @@ def test_shaft_comes_to_rest_before_another_one(tool):
         controller.step([0.0, -0.03, 0.0], DT)
     assert controller.last_status is RcmStatus.TRACKING
     assert controller.last_reason == ""
-    assert controller.shaft_room_m > 0.008
+    assert controller.shaft_clearance_m > 0.008
 
 
 def test_shaft_slides_along_another_one(tool):
@@ -67,7 +68,7 @@ def test_shaft_slides_along_another_one(tool):
     for _ in range(100):
         controller.step(0.03 * deeper + [0.0, 0.02, 0.0], DT)
     assert controller.insertion_m - before > 0.02
-    assert controller.shaft_room_m > 0.0029
+    assert controller.shaft_clearance_m > 0.0029
 
 
 def test_shaft_that_is_already_too_near_may_stand_still_and_leave(tool):
@@ -79,7 +80,7 @@ def test_shaft_that_is_already_too_near_may_stand_still_and_leave(tool):
     assert controller.last_status is not RcmStatus.HELD
     for _ in range(50):
         controller.step([0.0, -0.02, 0.0], DT)
-    assert controller.shaft_room_m > 0.005
+    assert controller.shaft_clearance_m > 0.005
 
 
 def test_far_shaft_and_wall_change_no_bit(tool):
@@ -88,7 +89,7 @@ def test_far_shaft_and_wall_change_no_bit(tool):
     far[:3, 3] = [-0.1, 0.0, 0.2]
     ends = []
     for watched in (True, False):
-        controller = start(tool, wall_outwards=(0.0, 0.0, 1.0) if watched else None)
+        controller = start(tool, wall_outwards=(0.0, 0.0, 1.0) if watched else "none")
         if watched:
             controller.set_other_shaft(far, LAPAROSCOPE)
         for i in range(60):
@@ -101,7 +102,7 @@ def test_forgotten_shaft_is_no_obstacle(tool):
     controller = start(tool)
     controller.set_other_shaft(parallel_scope(tool, 0.006), LAPAROSCOPE)
     controller.forget_other_shaft()
-    assert controller.shaft_room_m == np.inf
+    assert controller.shaft_clearance_m == np.inf
     for _ in range(40):
         controller.step([0.0, 0.05, 0.0], DT)
     assert controller.last_status is RcmStatus.TRACKING
@@ -143,13 +144,12 @@ def test_limits_of_joints_and_insertion_are_named(tool):
 
 
 def test_gradients_are_those_of_differences(tool):
-    controller = start(tool)
-    configuration = controller._configuration
+    configuration = start(tool).configuration
     scope = parallel_scope(tool, 0.01, (0.3, 0.9, 0.1))
     scope[:3, :3] = np.diag([1.0, -1.0, -1.0])
-    shaft = ShaftClearanceLimit(length_m=0.43, radius_m=0.0025, margin_m=0.003)
+    shaft = ShaftClearanceLimit(length_m=0.43, radius_m=0.0025, min_clearance_m=0.003)
     shaft.set_other(scope[:3, 3], scope[:3, 3] + [0.0, 0.0, 0.42], 0.006)
-    wall = WallLimit(tool.trocar_in_world, [0, 0, 2], length_m=0.43, tip_room_m=0.15, flange_room_m=0.14)
+    wall = WallLimit(tool.trocar_in_world, [0, 0, 2], length_m=0.43, min_tip_depth_m=0.15, min_flange_height_m=0.14)
     at = configuration.q.copy()
     shaft_row, shaft_bound = shaft.compute_qp_inequalities(configuration, DT)
     wall_rows, wall_bounds = wall.compute_qp_inequalities(configuration, DT)
@@ -158,30 +158,30 @@ def test_gradients_are_those_of_differences(tool):
         moved = at.copy()
         moved[joint] += 1e-6
         configuration.update(moved)
-        room = shaft.compute_qp_inequalities(configuration, DT)[1] / 0.1 - shaft_bound / 0.1
-        np.testing.assert_allclose(room / 1e-6, -shaft_row[:, joint], atol=1e-4)
+        rise = shaft.compute_qp_inequalities(configuration, DT)[1] / 0.1 - shaft_bound / 0.1
+        np.testing.assert_allclose(rise / 1e-6, -shaft_row[:, joint], atol=1e-4)
         if wall_bounds.min() > 0.0:
-            rooms = (wall.compute_qp_inequalities(configuration, DT)[1] - wall_bounds) / 0.1
-            np.testing.assert_allclose(rooms / 1e-6, -wall_rows[:, joint], atol=1e-4)
+            rises = (wall.compute_qp_inequalities(configuration, DT)[1] - wall_bounds) / 0.1
+            np.testing.assert_allclose(rises / 1e-6, -wall_rows[:, joint], atol=1e-4)
     assert wall_bounds.min() > 0.0
 
 
 def test_crossing_axes_still_have_a_way_out(tool):
-    controller = start(tool)
-    limit = ShaftClearanceLimit(length_m=0.43, radius_m=0.0025, margin_m=0.003)
+    configuration = start(tool).configuration
+    limit = ShaftClearanceLimit(length_m=0.43, radius_m=0.0025, min_clearance_m=0.003)
     tip, along = tool.world_from_shaft[:3, 3], tool.world_from_shaft[:3, 2]
     across = np.cross(along, [0.0, 1.0, 0.0])
     middle = tip - 0.1 * along
     limit.set_other(middle - 0.1 * across, middle + 0.1 * across, 0.006)
-    row, bound = limit.compute_qp_inequalities(controller._configuration, DT)
+    row, bound = limit.compute_qp_inequalities(configuration, DT)
     assert np.isfinite(row).all()
     assert bound[0] == 0.0
 
 
 def test_bad_arguments_are_named(tool):
     with pytest.raises(InvalidValueError, match="outwards"):
-        WallLimit(tool.trocar_in_world, [0, 0, 0], length_m=0.4, tip_room_m=0.0, flange_room_m=0.1)
-    limit = ShaftClearanceLimit(length_m=0.4, radius_m=0.002, margin_m=0.003)
+        WallLimit(tool.trocar_in_world, [0, 0, 0], length_m=0.4, min_tip_depth_m=0.0, min_flange_height_m=0.1)
+    limit = ShaftClearanceLimit(length_m=0.4, radius_m=0.002, min_clearance_m=0.003)
     with pytest.raises(InvalidValueError, match="radius_m"):
         limit.set_other([0, 0, 0], [0, 0, 1], -1.0)
     with pytest.raises(InvalidValueError, match="tip_in_world"):

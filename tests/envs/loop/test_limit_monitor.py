@@ -8,7 +8,7 @@ import pytest
 
 from laploop.assets.tissue_config import TissueConfig, TissueShape
 from laploop.control.arm.model import ArmModel
-from laploop.control.arm.rcm_controller import RcmControllerConfig
+from laploop.control.arm.rcm_config import RcmControllerConfig
 from laploop.envs.loop.limit_monitor import LimitMonitor
 from laploop.envs.theatre.config import TheatreConfig
 from laploop.envs.theatre.theatre import Theatre
