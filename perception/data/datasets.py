@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import DatasetError
 from laploop.perception.data.frame_store import FrameStore
+from laploop.perception.data.integrity import open_group, refusing_damage
 from laploop.perception.data.pair_store import PairStore
-from laploop.perception.data.store import open_group, refusing_damage
 from laploop.perception.geometry import Rig
 
 

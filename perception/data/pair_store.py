@@ -28,7 +28,8 @@ from laploop.configuration import to_plain
 from laploop.errors import InvalidValueError
 from laploop.perception.calibration.calibration_file import as_json, load_calibration
 from laploop.perception.calibration.results import StereoCalibration
-from laploop.perception.data.store import Store, refusing_damage
+from laploop.perception.data.integrity import refusing_damage
+from laploop.perception.data.store import Store
 from laploop.perception.geometry import Intrinsics, Rig
 from laploop.perception.reprojection import BrownDistortion, ReprojectedDepth, reproject
 
@@ -155,56 +156,19 @@ class PairStore(Store):
         """Read the reference camera's depth in the scope's image (H, W); NaN where the paper's M is 0."""
         return self._read("reference_depth_mm", index)
 
-    def shadow(self, index: int) -> Bool:
-        """Read where a surface hides another one from the projector (H, W)."""
-        return self._read("shadow", index)
-
-    def projector_x(self, index: int) -> Float32:
-        """Read the exact tangent coordinates across the stripes (H, W)."""
-        return self._read("projector_x", index)
-
-    def projector_y(self, index: int) -> Float32:
-        """Read the exact tangent coordinates along the stripes (H, W)."""
-        return self._read("projector_y", index)
-
-    def reference_z_mm(self, index: int) -> Float32:
-        """Read the reference camera's depth map (h, w)."""
-        return self._read("reference_z_mm", index)
-
-    def reference_rgba(self, index: int) -> NDArray[np.uint8]:
-        """Read the reference camera's colour picture (h, w, 4)."""
-        return self._read("reference_rgba", index)
-
-    def reference_xyz_mm(self, index: int) -> Float32:
-        """Return the reference camera's organised cloud (h, w, 3), to the bit what the camera gave; NaN where invalid."""
-        return organised_cloud(self.reference_z_mm(index), self.reference_intrinsics)
-
     def reference_cloud_mm(self, index: int) -> Float32:
-        """Return the reference camera's valid points (n, 3) in its frame."""
-        cloud = self.reference_xyz_mm(index).reshape(-1, 3)
-        return cloud[np.isfinite(cloud[:, 2])]
+        """Return the reference camera's valid points (n, 3) in its frame, to the bit what the camera gave."""
+        z_mm: Float32 = self._read("reference_z_mm", index)
+        cloud: Float32 = self.reference_intrinsics.rays.astype(np.float32) * z_mm[..., None]
+        return cloud[np.isfinite(z_mm)]
 
-    def reproject_with(
-        self, index: int, scope_from_reference: NDArray[np.float64], *, nominal_camera: bool = False
-    ) -> ReprojectedDepth:
-        """Show the reference camera's points in the scope's image by a transform (4x4, metres) of one's choice.
-
-        The scope's camera is the calibrated one, or the nominal one without distortion.
-        """
-        cloud = self.reference_cloud_mm(index)
-        if nominal_camera:
-            return reproject(cloud, scope_from_reference, self._rig.camera)
-        return reproject_by(self.calibration, cloud, scope_from_reference)
+    def reproject_with(self, index: int, scope_from_reference: NDArray[np.float64]) -> ReprojectedDepth:
+        """Show the reference camera's points in the calibrated scope's image by a transform (4x4, metres) of one's choice."""
+        return reproject_by(self.calibration, self.reference_cloud_mm(index), scope_from_reference)
 
     def metadata(self, index: int) -> dict[str, Any]:
         """Read what is known about a pair."""
         return cast("dict[str, Any]", json.loads(self._read("metadata", index).tobytes().rstrip(b"\0")))
-
-
-def organised_cloud(z_mm: Float32, intrinsics: Intrinsics) -> Float32:
-    """Make the points (h, w, 3) of a depth map (h, w) as the reference camera makes them, in single precision."""
-    rays: Float32 = intrinsics.rays.astype(np.float32)
-    return rays * z_mm[..., None]
 
 
 def reproject_by(

@@ -13,12 +13,8 @@ so that several processes may fill a store at once and be killed at any moment. 
 are compared with their checksums when a store is opened, frames when they are read.
 """
 
-import hashlib
-import json
 import re
-import shutil
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Self
 
@@ -27,16 +23,25 @@ from numpy.typing import NDArray
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.configuration import from_plain
-from laploop.errors import DatasetError, InvalidValueError, LaploopError, MissingFileError, OutputError
+from laploop.errors import DatasetError, InvalidValueError, OutputError
+from laploop.perception.data.integrity import (
+    CHECKSUM_BYTES,
+    compare,
+    new_folder,
+    open_group,
+    refusing_damage,
+    sha256,
+    sha256_of_json,
+)
 from laploop.perception.geometry import Rig
 
 SPLITS = ("train", "val", "test")
 
 _PLAN = {"tissue_seed": "int64", "split": "uint8", "tool_in_view": "bool"}
-_CHECKSUM_BYTES = hashlib.sha256().digest_size
 _CHECKSUM_FILE = re.compile(r"c\.(\d+)\.0")
 _LEFT_BEHIND = "*.partial"
 """Files that Zarr had not renamed yet when its process was killed."""
+_CHUNK_NAMES = {"name": "default", "separator": "."}
 _STORE_ALL_CHUNKS = {"array.write_empty_chunks": True}
 """By default Zarr leaves out chunks that equal its fill value, and gives back another NaN than was written."""
 
@@ -68,9 +73,9 @@ class Store:
             self._arrays = {name: _checked(group, name, *expected) for name, expected in _layout(self._attributes).items()}
             self._plan = {name: self._arrays[name][:] for name in self._attributes["plan"]}
             for name, (_, checksum) in self._attributes["plan"].items():
-                _compare(name, self._plan[name].tobytes(), checksum)
+                compare(name, self._plan[name].tobytes(), checksum)
             for name, checksum in self._attributes["files"].items():
-                _compare(name, (path / name).read_bytes(), checksum)
+                compare(name, (path / name).read_bytes(), checksum)
             self.optics = from_plain(ScopeOptics, self._attributes["optics"])
             """The nominal scope."""
         self.tissue_seed: NDArray[np.int64] = self._plan["tissue_seed"]
@@ -115,38 +120,23 @@ class Store:
         if len({values.shape for values in plan.values()}) > 1:
             raise InvalidValueError("shapes of the plan", [values.shape for values in plan.values()], "(frames,), all alike")
         attributes |= {"format": cls.FORMAT, "frames": len(plan["split"]), "arrays": dict(arrays)}
-        attributes["plan"] = {name: (str(values.dtype), _sha256(values.tobytes())) for name, values in plan.items()}
+        attributes["plan"] = {name: (str(values.dtype), sha256(values.tobytes())) for name, values in plan.items()}
         files = files or {}
-        attributes["files"] = {name: _sha256(content) for name, content in files.items()}
-        attributes["sha256"] = _sha256_of_json(attributes)
+        attributes["files"] = {name: sha256(content) for name, content in files.items()}
+        attributes["sha256"] = sha256_of_json(attributes)
         # The checksum is looked at first: given a damaged chunk, Blosc may crash the process.
         codecs = (BloscCodec(cname="zstd", clevel=4, shuffle="bitshuffle"), Crc32cCodec())
-        partial = path.with_name(f".{path.name}.partial")
-        try:
-            if path.exists():
-                raise OutputError(f"{path} exists already; give a new folder")
-            shutil.rmtree(partial, ignore_errors=True)
-            partial.mkdir(parents=True)
+        with new_folder(path) as partial:
             group: Any = zarr.open_group(store=partial, mode="w")
             for name, (dtype, shape) in _layout(attributes).items():
                 if name in plan:
                     group.create_array(name, data=plan[name])
                     continue
-                separator = {"name": "default", "separator": "."}
-                chunks = (1, *shape[1:])
-                group.create_array(
-                    name, shape=shape, chunks=chunks, dtype=dtype, compressors=codecs, chunk_key_encoding=separator
-                )
+                layout = {"shape": shape, "chunks": (1, *shape[1:]), "dtype": dtype, "chunk_key_encoding": _CHUNK_NAMES}
+                group.create_array(name, compressors=codecs, **layout)
             for name, content in files.items():
                 (partial / name).write_bytes(content)
             group.attrs.update(attributes)
-            partial.rename(path)
-        except OSError as error:
-            raise (
-                error if isinstance(error, LaploopError) else OutputError(f"cannot write a data set to {path}: {error}")
-            ) from error
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
         return cls(path, writable=True)
 
     @property
@@ -226,9 +216,9 @@ class Store:
         self._check_index(index)
         with refusing_damage(f"{name} of {self.NOUN} {index} of {self.path}"):
             values = np.asarray(self._arrays[name][index])
-            begin = _CHECKSUM_BYTES * self._names.index(name)
+            begin = CHECKSUM_BYTES * self._names.index(name)
             checksums = np.asarray(self._arrays["checksum"][index])
-            _compare("data", values.tobytes(), checksums[begin : begin + _CHECKSUM_BYTES].tobytes().hex())
+            compare("data", values.tobytes(), checksums[begin : begin + CHECKSUM_BYTES].tobytes().hex())
         return values
 
     def _write(self, index: int, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -244,7 +234,7 @@ class Store:
             expected = (str(self._arrays[name].dtype), self._arrays[name].shape[1:])
             if found != expected:
                 raise InvalidValueError(f"type and shape of {name}", found, str(expected))
-        checksums = "".join(_sha256(arrays[name].tobytes()) for name in self._names)
+        checksums = "".join(sha256(arrays[name].tobytes()) for name in self._names)
         try:
             for name in self._names:
                 self._arrays[name][index] = arrays[name]
@@ -265,45 +255,8 @@ class Store:
             raise DatasetError(
                 f"data set {self.path} has the format {found!r}; allowed: {self.FORMAT!r}, made by {self.COMMAND}"
             )
-        if self._attributes.pop("sha256", None) != _sha256_of_json(self._attributes):
+        if self._attributes.pop("sha256", None) != sha256_of_json(self._attributes):
             raise DatasetError(f"data set {self.path} cannot be used: its attributes are not those that were written")
-
-
-def open_group(path: Path, command: str, *, writable: bool = False) -> Any:
-    """Open the Zarr group of a data set, whatever is in it.
-
-    Args:
-        path: Of the data set.
-        command: What makes one, for the message.
-        writable: Open it for writing.
-
-    Raises:
-        MissingFileError: If there is none.
-        DatasetError: If the path is a file.
-    """
-    import zarr
-
-    if path.is_file():
-        raise DatasetError(f"data set {path} is a file; allowed: a folder that {command} wrote")
-    if not (path / "zarr.json").is_file():
-        raise MissingFileError("data set", path, f"make one with {command}")
-    return zarr.open_group(store=path, mode="r+" if writable else "r")
-
-
-@contextmanager
-def refusing_damage(what: str) -> Iterator[None]:
-    """Turn whatever Zarr, JSON and the system make of damaged files into an error that names them.
-
-    Raises:
-        DatasetError: If the block raises anything that is not an error of ours.
-    """
-    try:
-        yield
-    except LaploopError:
-        raise
-    except Exception as error:
-        reason = str(error).partition("\n")[0][:200] or type(error).__name__
-        raise DatasetError(f"{what} cannot be used: {reason}") from error
 
 
 def _layout(attributes: Mapping[str, Any]) -> dict[str, tuple[str, tuple[int, ...]]]:
@@ -312,7 +265,7 @@ def _layout(attributes: Mapping[str, Any]) -> dict[str, tuple[str, tuple[int, ..
     return {
         **{name: (dtype, (count,)) for name, (dtype, _) in attributes["plan"].items()},
         **{name: (dtype, (count, *shape)) for name, (dtype, shape) in arrays.items()},
-        "checksum": ("uint8", (count, _CHECKSUM_BYTES * len(arrays))),
+        "checksum": ("uint8", (count, CHECKSUM_BYTES * len(arrays))),
     }
 
 
@@ -323,16 +276,3 @@ def _checked(group: Any, name: str, dtype: str, shape: tuple[int, ...]) -> Any:
     if (str(array.dtype), array.shape) != (dtype, shape):
         raise ValueError(f"its array {name} is {array.dtype} of shape {array.shape}, not {dtype} of {shape}")
     return array
-
-
-def _compare(what: str, content: bytes, checksum: str) -> None:
-    if _sha256(content) != checksum:
-        raise ValueError(f"{what} differs from what was written (checksum)")
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
-def _sha256_of_json(attributes: Mapping[str, Any]) -> str:
-    return _sha256(json.dumps(attributes, sort_keys=True, allow_nan=False).encode())

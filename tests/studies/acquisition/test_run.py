@@ -138,13 +138,13 @@ def test_shadows_are_seen_surfaces_inside_the_field_that_are_not_lit(store):
         inside = (np.abs(frame.projector_x) <= half) & (np.abs(frame.projector_y) <= half)
         np.testing.assert_array_equal(frame.shadow, inside & ~frame.lit)
         assert not (frame.shadow & np.isnan(frame.depth_mm)).any()
-    assert any(store.shadow(index).any() for index in range(len(store)))
+    assert any(store.frame(index).shadow.any() for index in range(len(store)))
 
 
 def test_mask_coordinates_are_those_of_the_exact_depth(store):
     rig = Rig.from_optics(SMALL.bench.scope)
     expected = rig.projector_x(1e-3 * store.depth_mm(2).astype(np.float64))
-    np.testing.assert_allclose(store.projector_x(2), expected, atol=2e-6)  # tangent; single precision
+    np.testing.assert_allclose(store.frame(2).projector_x, expected, atol=2e-6)  # tangent; single precision
 
 
 def test_exposure_leaves_frames_neither_dark_nor_burnt(store):
