@@ -8,37 +8,36 @@ The camera is the computer-vision one: x right, y down, z forward, pixel centres
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
+from laploop.configuration import Field, configuration
 from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
 
+_FARTHEST_M = 100.0
+"""Farther apart, nothing that one camera sees can be."""
 
-@dataclass(frozen=True, kw_only=True)
+_Size = Annotated[int, Field(ge=1, le=16384)]
+_Focal = Annotated[float, Field(gt=0.0, le=1e6)]
+_Centre = Annotated[float, Field(ge=-1e6, le=1e6)]
+
+
+@configuration
 class Intrinsics:
     """Pinhole intrinsics without distortion, in pixels."""
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a size or a focal length is not positive.
-        """
-        for name in ("width", "height", "fx", "fy"):
-            if not getattr(self, name) > 0:
-                raise InvalidValueError(name, getattr(self, name), "above 0")
+    width: _Size
+    height: _Size
+    fx: _Focal
+    fy: _Focal
+    cx: _Centre
+    cy: _Centre
 
     @classmethod
     def from_fov(cls, *, width: int, height: int, fov_rad: float) -> "Intrinsics":
@@ -85,6 +84,18 @@ class Rig:
     baseline_m: float
     mask: StripeMask
 
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If one is of another type, or the baseline is not positive.
+        """
+        for name, kind in (("camera", Intrinsics), ("mask", StripeMask)):
+            if not isinstance(getattr(self, name), kind):
+                raise InvalidValueError(name, getattr(self, name), kind.__name__)
+        if not isinstance(self.baseline_m, int | float) or not 0.0 < self.baseline_m <= 1.0:
+            raise InvalidValueError("baseline_m", self.baseline_m, "above 0, at most 1")
+
     @classmethod
     def from_optics(cls, optics: ScopeOptics) -> "Rig":
         """Make the nominal rig of a scope."""
@@ -107,6 +118,35 @@ class Rig:
         difference = self.camera.rays[..., 0] - projector_x
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(difference > 0.0, self.baseline_m / difference, np.nan)
+
+
+def rigid_transform(name: str, transform: Any) -> Array:
+    """Return a read-only copy of a rigid transform, 4x4, metres.
+
+    Args:
+        name: What it is called, for the message.
+        transform: The transform.
+
+    Raises:
+        InvalidValueError: If it is no 4x4 matrix of finite numbers, not a rotation and a translation, or shifts by more than
+            100 m.
+    """
+    try:
+        found = np.array(transform, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidValueError(name, transform, f"a 4x4 matrix of numbers ({error})") from error
+    if found.shape != (4, 4):
+        raise InvalidValueError(f"shape of {name}", found.shape, "(4, 4)")
+    rotation = found[:3, :3]
+    # Calibrated rotations are orthogonal to far better than 1e-6; scales and typing errors are not.
+    with np.errstate(invalid="ignore", over="ignore"):
+        orthogonal = (np.abs(rotation @ rotation.T - np.eye(3)) < 1e-6).all() and np.linalg.det(rotation) > 0.0
+        near = np.abs(found[:3, 3]).max() <= _FARTHEST_M
+    if not (orthogonal and near) or (found[3] != [0.0, 0.0, 0.0, 1.0]).any():
+        allowed = f"a rigid transform: a rotation and a translation of at most {_FARTHEST_M:g} m"
+        raise InvalidValueError(name, found.tolist(), allowed)
+    found.flags.writeable = False
+    return found
 
 
 def invert_transform(a_from_b: Array) -> Array:

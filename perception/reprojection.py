@@ -6,12 +6,14 @@ transform between the two cameras, projection with the scope's intrinsics, and t
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.configuration import Field, configuration
 from laploop.errors import InvalidValueError
-from laploop.perception.geometry import Intrinsics
+from laploop.perception.geometry import Intrinsics, rigid_transform
 
 Array = NDArray[np.float64]
 
@@ -19,7 +21,10 @@ _CHUNK = 1 << 13
 """Points worked on at a time: their intermediate results stay in a core's cache."""
 
 
-@dataclass(frozen=True, kw_only=True)
+_Coefficient = Annotated[float, Field(ge=-1e3, le=1e3)]
+
+
+@configuration
 class BrownDistortion:
     """Lens distortion after Brown (1966), with OpenCV's names and signs.
 
@@ -29,21 +34,11 @@ class BrownDistortion:
         y' = y (1 + k1 r² + k2 r⁴ + k3 r⁶) + p1 (r² + 2 y²) + 2 p2 x y
     """
 
-    k1: float = 0.0
-    k2: float = 0.0
-    p1: float = 0.0
-    p2: float = 0.0
-    k3: float = 0.0
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a coefficient is not finite.
-        """
-        for name in ("k1", "k2", "p1", "p2", "k3"):
-            if not math.isfinite(getattr(self, name)):
-                raise InvalidValueError(name, getattr(self, name), "a finite number")
+    k1: _Coefficient = 0.0
+    k2: _Coefficient = 0.0
+    p1: _Coefficient = 0.0
+    p2: _Coefficient = 0.0
+    k3: _Coefficient = 0.0
 
     @property
     def largest_radius_tan(self) -> float:
@@ -115,7 +110,8 @@ def reproject(
     """
     if xyz_mm.ndim < 2 or xyz_mm.shape[-1] != 3:
         raise InvalidValueError("shape of xyz_mm", xyz_mm.shape, "(n, 3) or (height, width, 3)")
-    rotation, offset_mm = _rotation_and_offset_mm(scope_from_reference)
+    transform = rigid_transform("scope_from_reference", scope_from_reference)
+    rotation, offset_mm = transform[:3, :3], 1e3 * transform[:3, 3:]
     points = xyz_mm.reshape(-1, 3)
     count = intrinsics.height * intrinsics.width
     nearest = np.full(count, np.inf, dtype=np.float32)
@@ -130,19 +126,6 @@ def reproject(
     nearest[~mask] = np.nan
     shape = (intrinsics.height, intrinsics.width)
     return ReprojectedDepth(depth_mm=nearest.reshape(shape), mask=mask.reshape(shape))
-
-
-def _rotation_and_offset_mm(scope_from_reference: Array) -> tuple[Array, Array]:
-    """Split a rigid transform into its rotation (3, 3) and its translation (3, 1) in millimetres."""
-    transform = np.asarray(scope_from_reference, dtype=np.float64)
-    if transform.shape != (4, 4):
-        raise InvalidValueError("shape of scope_from_reference", transform.shape, "(4, 4)")
-    rotation = transform[:3, :3]
-    # Calibrated rotations are orthogonal to far better than 1e-6; scales and typing errors are not.
-    orthogonal = np.isfinite(transform).all() and (np.abs(rotation @ rotation.T - np.eye(3)) < 1e-6).all()
-    if not orthogonal or np.linalg.det(rotation) < 0.0:
-        raise InvalidValueError("scope_from_reference", scope_from_reference, "a rigid 4x4 transform")
-    return rotation, 1e3 * transform[:3, 3:]
 
 
 def _pixels(points: Array, intrinsics: Intrinsics, distortion: BrownDistortion | None) -> tuple[NDArray[np.intp], Array]:

@@ -16,7 +16,8 @@ from laploop.assets.tissue_config import TissueConfig
 from laploop.envs.sensors.optics.scope_ranges import ScopeRanges, draw_scope
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.errors import InvalidValueError, OutputError, check_range
-from laploop.perception.data.frame_store import SPLITS, FrameStore
+from laploop.perception.data.frame_store import FrameStore
+from laploop.perception.data.store import SPLITS
 from laploop.perception.geometry import Rig
 from laploop.studies.scenes.frame_conditions import CameraPose, FrameRanges, draw_camera, draw_optics, draw_tool
 from laploop.studies.scenes.hard_conditions import ill_exposure, place_large_tool
@@ -139,6 +140,7 @@ def _open_or_create(config: TrainingFramesConfig, out: Path) -> FrameStore:
         store = FrameStore.open(out, writable=True)
         if store.config != config.recipe or store.optics != config.optics:
             raise OutputError(f"{out} holds a data set of another configuration; give a new folder")
+        store.remove_left_behind()
         return store
     counts = [config.train_tissues, config.val_tissues, config.test_tissues]
     splits = np.repeat(np.arange(len(SPLITS), dtype=np.uint8), counts)

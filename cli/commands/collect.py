@@ -7,20 +7,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.console import Console
 
 from laploop.cli.console import ResultTable, progress_bar
-from laploop.cli.dataset import PAIRS, dataset_path
+from laploop.cli.dataset import PAIRS, verify_dataset
 from laploop.cli.output import OutputFolder, plain
 from laploop.cli.parsing import parse
 from laploop.errors import InvalidValueError
 from laploop.perception.data.pair_store import PairStore
 from laploop.studies.acquisition.card import measure_pairs, summarise, write_card
-from laploop.studies.acquisition.check import check_pairs
 from laploop.studies.acquisition.config import AcquisitionConfig
 from laploop.studies.acquisition.run import calibration_config, collect_pairs, open_or_create
-
-_SHOWN_PROBLEMS = 50
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +40,7 @@ def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     chosen = parse(CollectArguments, arguments, "collect")
     if chosen.verify is not None:
-        return _verify(chosen.verify)
+        return verify_dataset(chosen.verify)
     if chosen.out is None:
         raise InvalidValueError("--out", None, "a folder for the data set, or --verify and a data set")
     config = chosen.acquisition
@@ -88,18 +84,3 @@ def _describe(store: PairStore, folder: OutputFolder) -> dict[str, Any]:
     folder.write_text("statistics.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
     folder.write_text("card.md", write_card(store, summary))
     return summary
-
-
-def _verify(given: Path) -> int:
-    """Check a data set and list what is wrong with it."""
-    path = dataset_path(given)
-    with progress_bar("pairs checked", len(PairStore.open(path))) as report:
-        result = check_pairs(path, report=report)
-    console = Console()
-    for problem in result.problems[:_SHOWN_PROBLEMS]:
-        console.print(problem, highlight=False, soft_wrap=True)
-    if len(result.problems) > _SHOWN_PROBLEMS:
-        console.print(f"and {len(result.problems) - _SHOWN_PROBLEMS} more", highlight=False)
-    verdict = "nothing wrong" if result.passed else f"{len(result.problems)} problems"
-    console.print(f"{path}: {result.done} of {result.pairs} pairs done, {verdict}", highlight=False, soft_wrap=True)
-    return 0 if result.passed else 1

@@ -25,6 +25,7 @@ Other keys may stand beside these; they are left alone and not kept.
 
 import json
 import os
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -71,6 +72,31 @@ def save_calibration(
     Raises:
         OutputError: If the file cannot be written.
     """
+    text = as_json(calibration, projector=projector, hand_eye=hand_eye)
+    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with partial.open("w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        partial.replace(path)
+    except OSError as error:
+        # What cannot be removed either (a folder turned read-only, say) must not hide the first error.
+        try:
+            partial.unlink(missing_ok=True)
+        except OSError as second:
+            error.add_note(f"{partial} is left behind: {second}")
+        raise OutputError(f"cannot write the calibration to {path}: {error}") from error
+
+
+def as_json(
+    calibration: StereoCalibration,
+    *,
+    projector: ProjectorCalibration | None = None,
+    hand_eye: HandEyeCalibration | None = None,
+) -> str:
+    """Return the content of a calibration file; see `save_calibration`."""
     content: dict[str, Any] = {
         "schema": SCHEMA,
         "version": VERSION,
@@ -93,21 +119,7 @@ def save_calibration(
             "world_from_board": hand_eye.world_from_board.tolist(),
             "view_errors_px": list(hand_eye.view_errors_px),
         }
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("w", encoding="utf-8") as stream:
-            stream.write(json.dumps(content, indent=2, allow_nan=False) + "\n")
-            stream.flush()
-            os.fsync(stream.fileno())
-        partial.replace(path)
-    except OSError as error:
-        # What cannot be removed either (a folder turned read-only, say) must not hide the first error.
-        try:
-            partial.unlink(missing_ok=True)
-        except OSError as second:
-            error.add_note(f"{partial} is left behind: {second}")
-        raise OutputError(f"cannot write the calibration to {path}: {error}") from error
+    return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
 def load_calibration(path: Path) -> StereoCalibration:
@@ -123,24 +135,20 @@ def load_record(path: Path) -> CalibrationRecord:
         InvalidValueError: If it is not JSON, of another schema or version or in other units, lacks a field, or a field holds
             something impossible; names the field.
     """
-    if not path.is_file():
-        raise MissingFileError("calibration", path, "give the calibration.json of a bench or of the simulator")
     try:
         content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-    except (OSError, ValueError) as error:
+    except FileNotFoundError:
+        raise MissingFileError("calibration", path, "give the calibration.json of a bench or of the simulator") from None
+    # Deep nesting ends in a RecursionError.
+    except (OSError, ValueError, RecursionError) as error:
         raise InvalidValueError("calibration", str(path), f"a JSON file that can be read ({error})") from error
-    if not isinstance(content, Mapping) or content.get("schema") != SCHEMA:
-        raise InvalidValueError("calibration", str(path), f"a JSON object with schema {SCHEMA!r}")
-    if content.get("version") != VERSION:
-        raise InvalidValueError(f"version of {path}", content.get("version"), f"{VERSION}")
-    if content.get("units") != UNITS:
-        raise InvalidValueError(f"units of {path}", content.get("units"), f"{UNITS}")
     try:
+        _check_header(content)
         return CalibrationRecord(
             stereo=StereoCalibration(
                 scope=_camera(_field(content, "cameras", "scope")),
                 reference=_camera(_field(content, "cameras", "reference")),
-                scope_from_reference=_array(_field(content, "transforms", "scope_from_reference")),
+                scope_from_reference=_matrix(_field(content, "transforms", "scope_from_reference")),
                 view_errors_px=_numbers(_field(content, "view_errors_px")),
             ),
             projector=_projector(content["projector"]) if "projector" in content else None,
@@ -148,6 +156,12 @@ def load_record(path: Path) -> CalibrationRecord:
         )
     except InvalidValueError as error:
         raise InvalidValueError("calibration", str(path), f"a complete and valid one ({error})") from error
+
+
+def _check_header(content: Any) -> None:
+    for name, expected in (("schema", SCHEMA), ("version", VERSION), ("units", UNITS)):
+        if (found := _field(content, name)) != expected:
+            raise InvalidValueError(name, found, repr(expected))
 
 
 def _camera_as_dict(camera: CameraCalibration) -> dict[str, Any]:
@@ -160,24 +174,23 @@ def _camera_as_dict(camera: CameraCalibration) -> dict[str, Any]:
 
 
 def _camera(content: Any) -> CameraCalibration:
-    sizes = {name: _number(_field(content, name)) for name in ("width", "height")}
-    for name, size in sizes.items():
-        if size != int(size):
-            raise InvalidValueError(name, size, "a whole number of pixels")
-    numbers = {name: _number(_field(content, name)) for name in ("fx", "fy", "cx", "cy")}
     return CameraCalibration(
-        intrinsics=Intrinsics(width=int(sizes["width"]), height=int(sizes["height"]), **numbers),
+        intrinsics=Intrinsics(
+            width=_whole(_field(content, "width")),
+            height=_whole(_field(content, "height")),
+            **{name: _number(_field(content, name)) for name in ("fx", "fy", "cx", "cy")},
+        ),
         distortion=BrownDistortion(
             **{name: _number(_field(content, "distortion", name)) for name in ("k1", "k2", "p1", "p2", "k3")}
         ),
         view_errors_px=_numbers(_field(content, "view_errors_px")),
-        camera_from_board=_array(_field(content, "camera_from_board")),
+        camera_from_board=np.array([_matrix(pose) for pose in _list(_field(content, "camera_from_board"))]),
     )
 
 
 def _projector(content: Any) -> ProjectorCalibration:
     return ProjectorCalibration(
-        projector_from_camera=_array(_field(content, "projector_from_camera")),
+        projector_from_camera=_matrix(_field(content, "projector_from_camera")),
         period_tan=_number(_field(content, "period_tan")),
         phase_turns=_number(_field(content, "phase_turns")),
         view_errors_turns=_numbers(_field(content, "view_errors_turns")),
@@ -187,8 +200,8 @@ def _projector(content: Any) -> ProjectorCalibration:
 
 def _hand_eye(content: Any) -> HandEyeCalibration:
     return HandEyeCalibration(
-        flange_from_camera=_array(_field(content, "flange_from_camera")),
-        world_from_board=_array(_field(content, "world_from_board")),
+        flange_from_camera=_matrix(_field(content, "flange_from_camera")),
+        world_from_board=_matrix(_field(content, "world_from_board")),
         view_errors_px=_numbers(_field(content, "view_errors_px")),
     )
 
@@ -207,22 +220,34 @@ def _field(content: Any, *names: str) -> Any:
 
 
 def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise InvalidValueError("number", value, "a JSON number")
+    # Whole numbers may have any number of digits, and 1e400 is read as infinity.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
+        raise InvalidValueError("number", str(value)[:50], "a finite JSON number")
     return float(value)
 
 
-def _numbers(value: Any) -> tuple[float, ...]:
+def _whole(value: Any) -> int:
+    number = _number(value)
+    if number != int(number):
+        raise InvalidValueError("number", value, "a whole number of pixels")
+    return int(number)
+
+
+def _list(value: Any) -> list[Any]:
     if not isinstance(value, list):
-        raise InvalidValueError("list of numbers", value, "a JSON list")
-    return tuple(_number(entry) for entry in value)
+        raise InvalidValueError("list", value, "a JSON list")
+    return value
 
 
-def _array(value: Any) -> Any:
-    try:
-        return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidValueError("matrix", value, "rows of numbers, all of one length") from error
+def _numbers(value: Any) -> tuple[float, ...]:
+    return tuple(_number(entry) for entry in _list(value))
+
+
+def _matrix(value: Any) -> Any:
+    rows = [_numbers(row) for row in _list(value)]
+    if [len(row) for row in rows] != [4] * 4:
+        raise InvalidValueError("matrix", value, "four rows of four numbers")
+    return np.array(rows)
 
 
 def _refuse_constant(name: str) -> NoReturn:

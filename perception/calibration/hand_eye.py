@@ -14,8 +14,8 @@ from scipy.spatial.transform import Rotation
 from laploop.assets.calibration_board import CalibrationBoard
 from laploop.errors import InvalidValueError
 from laploop.perception.calibration.poses import place_board, pose_as_vector, vectors_as_poses
-from laploop.perception.calibration.results import CameraCalibration, check_rigid, check_view_count
-from laploop.perception.geometry import invert_transform
+from laploop.perception.calibration.results import CameraCalibration, check_view_count, check_view_errors, root_mean_square
+from laploop.perception.geometry import invert_transform, rigid_transform
 
 Array = NDArray[np.float64]
 
@@ -40,19 +40,14 @@ class HandEyeCalibration:
         Raises:
             InvalidValueError: If a transform is not rigid, an error is not a distance, or there are too few views.
         """
-        check_view_count(len(self.view_errors_px))
-        if not all(math.isfinite(error) and error >= 0.0 for error in self.view_errors_px):
-            raise InvalidValueError("view_errors_px", self.view_errors_px, "finite numbers from 0 on")
+        check_view_errors("view_errors_px", self.view_errors_px)
         for name in ("flange_from_camera", "world_from_board"):
-            transform = np.array(getattr(self, name), dtype=np.float64)
-            check_rigid(name, transform)
-            transform.flags.writeable = False
-            object.__setattr__(self, name, transform)
+            object.__setattr__(self, name, rigid_transform(name, getattr(self, name)))
 
     @property
     def error_px(self) -> float:
         """Root mean square over all views, pixels."""
-        return math.sqrt(sum(error * error for error in self.view_errors_px) / len(self.view_errors_px))
+        return root_mean_square(self.view_errors_px)
 
 
 def calibrate_hand_eye(

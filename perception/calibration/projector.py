@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 
 from laploop.assets.stripe_mask import StripeMask
 from laploop.errors import InvalidValueError
-from laploop.perception.calibration.results import CameraCalibration, check_rigid, check_view_count
+from laploop.perception.calibration.results import CameraCalibration, check_view_count, check_view_errors, root_mean_square
 from laploop.perception.carrier import StripeCarrier
 from laploop.perception.estimators.phase import PhaseEstimator
-from laploop.perception.geometry import Rig, transform_points
+from laploop.perception.geometry import Rig, rigid_transform, transform_points
 
 Array = NDArray[np.float64]
 
@@ -60,19 +60,16 @@ class ProjectorCalibration:
         Raises:
             InvalidValueError: If the transform is not rigid, a number is impossible, or there are too few views.
         """
-        check_view_count(len(self.view_errors_turns))
-        transform = np.array(self.projector_from_camera, dtype=np.float64)
-        check_rigid("projector_from_camera", transform)
-        transform.flags.writeable = False
-        object.__setattr__(self, "projector_from_camera", transform)
+        check_view_errors("view_errors_turns", self.view_errors_turns)
+        object.__setattr__(self, "projector_from_camera", rigid_transform("projector_from_camera", self.projector_from_camera))
         if not 0.0 < self.period_tan < 2.0:
             raise InvalidValueError("period_tan", self.period_tan, "above 0 and below 2")
         if not abs(self.phase_turns) <= 0.5:
             raise InvalidValueError("phase_turns", self.phase_turns, "-0.5 to 0.5")
         if set(self.deviations) != set(UNKNOWNS):
             raise InvalidValueError("names of deviations", sorted(self.deviations), f"{sorted(UNKNOWNS)}")
-        if not all(math.isfinite(v) and v >= 0.0 for v in (*self.view_errors_turns, *self.deviations.values())):
-            raise InvalidValueError("errors and deviations", (self.view_errors_turns, dict(self.deviations)), "from 0 on")
+        if not all(math.isfinite(deviation) and deviation >= 0.0 for deviation in self.deviations.values()):
+            raise InvalidValueError("deviations", dict(self.deviations), "finite numbers from 0 on")
         object.__setattr__(self, "deviations", MappingProxyType(dict(self.deviations)))
 
     @cached_property
@@ -88,7 +85,7 @@ class ProjectorCalibration:
     @property
     def error_turns(self) -> float:
         """Root mean square misfit over all views."""
-        return math.sqrt(sum(error * error for error in self.view_errors_turns) / len(self.view_errors_turns))
+        return root_mean_square(self.view_errors_turns)
 
     def turns(self, points_in_camera: Array) -> Array:
         """Return the stripe (...) that lights points (..., 3) in metres."""

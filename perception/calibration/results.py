@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.errors import InvalidValueError
-from laploop.perception.geometry import Intrinsics
+from laploop.perception.geometry import Intrinsics, rigid_transform
 from laploop.perception.reprojection import BrownDistortion
 
 Array = NDArray[np.float64]
@@ -36,19 +36,17 @@ class CameraCalibration:
         Raises:
             InvalidValueError: If there are too few views, an error is not a distance, or a pose is not rigid.
         """
-        _check_errors(self.view_errors_px)
-        poses = np.array(self.camera_from_board, dtype=np.float64)
-        if poses.shape != (len(self.view_errors_px), 4, 4):
-            raise InvalidValueError("shape of camera_from_board", poses.shape, f"({len(self.view_errors_px)}, 4, 4)")
-        for pose in poses:
-            check_rigid("camera_from_board", pose)
+        check_view_errors("view_errors_px", self.view_errors_px)
+        poses = np.array([rigid_transform("camera_from_board", pose) for pose in self.camera_from_board])
+        if len(poses) != len(self.view_errors_px):
+            raise InvalidValueError("number of camera_from_board", len(poses), f"{len(self.view_errors_px)}, one a view")
         poses.flags.writeable = False
         object.__setattr__(self, "camera_from_board", poses)
 
     @property
     def error_px(self) -> float:
         """Root mean square over all views, pixels."""
-        return _root_mean_square(self.view_errors_px)
+        return root_mean_square(self.view_errors_px)
 
     def project(self, points_in_camera: Array) -> Array:
         """Project points (..., 3) in metres, with distortion, to pixels (..., 2); z must be positive."""
@@ -84,16 +82,13 @@ class StereoCalibration:
         Raises:
             InvalidValueError: If there are too few views, an error is not a distance, or the transform is not rigid.
         """
-        _check_errors(self.view_errors_px)
-        transform = np.array(self.scope_from_reference, dtype=np.float64)
-        check_rigid("scope_from_reference", transform)
-        transform.flags.writeable = False
-        object.__setattr__(self, "scope_from_reference", transform)
+        check_view_errors("view_errors_px", self.view_errors_px)
+        object.__setattr__(self, "scope_from_reference", rigid_transform("scope_from_reference", self.scope_from_reference))
 
     @property
     def error_px(self) -> float:
         """Root mean square over all pairs of views, pixels."""
-        return _root_mean_square(self.view_errors_px)
+        return root_mean_square(self.view_errors_px)
 
 
 def transform_residual(a_from_b: Array, true_a_from_b: Array) -> tuple[float, float]:
@@ -103,21 +98,6 @@ def transform_residual(a_from_b: Array, true_a_from_b: Array) -> tuple[float, fl
     sine = 0.5 * math.hypot(turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
     angle = math.atan2(sine, 0.5 * (float(np.trace(turn)) - 1.0))
     return math.degrees(angle), 1e3 * float(np.linalg.norm(a_from_b[:3, 3] - true_a_from_b[:3, 3]))
-
-
-def check_rigid(name: str, transform: Array) -> None:
-    """Raise unless `transform` is a rigid 4x4 transform.
-
-    Raises:
-        InvalidValueError: If it is not.
-    """
-    if transform.shape != (4, 4) or not np.isfinite(transform).all():
-        raise InvalidValueError(name, transform.tolist(), "a 4x4 matrix of finite numbers")
-    rotation = transform[:3, :3]
-    # Files keep all digits; scales and typing errors are far coarser than this.
-    orthogonal = (np.abs(rotation @ rotation.T - np.eye(3)) < 1e-6).all() and np.linalg.det(rotation) > 0.0
-    if not orthogonal or (transform[3] != [0.0, 0.0, 0.0, 1.0]).any():
-        raise InvalidValueError(name, transform.tolist(), "a rigid transform: a rotation and a translation")
 
 
 def check_view_count(count: int) -> None:
@@ -130,11 +110,17 @@ def check_view_count(count: int) -> None:
         raise InvalidValueError("number of views", count, f"at least {MIN_VIEWS}")
 
 
-def _check_errors(view_errors_px: tuple[float, ...]) -> None:
-    check_view_count(len(view_errors_px))
-    if not all(math.isfinite(error) and error >= 0.0 for error in view_errors_px):
-        raise InvalidValueError("view_errors_px", view_errors_px, "finite numbers from 0 on")
+def check_view_errors(name: str, errors: tuple[float, ...]) -> None:
+    """Raise unless there are enough views and their errors are distances.
+
+    Raises:
+        InvalidValueError: If there are too few, or one is negative or not finite.
+    """
+    check_view_count(len(errors))
+    if not all(math.isfinite(error) and error >= 0.0 for error in errors):
+        raise InvalidValueError(name, errors, "finite numbers from 0 on")
 
 
-def _root_mean_square(values: tuple[float, ...]) -> float:
+def root_mean_square(values: tuple[float, ...]) -> float:
+    """Return the root mean square over all views."""
     return math.sqrt(sum(value * value for value in values) / len(values))

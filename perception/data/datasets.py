@@ -1,23 +1,26 @@
 """Opens a data set of stripe frames, whatever made it."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import zarr
 from numpy.typing import NDArray
 
 from laploop.assets.scope_optics import ScopeOptics
-from laploop.errors import InvalidValueError, MissingFileError
-from laploop.perception.data import frame_store, pair_store
+from laploop.errors import DatasetError
 from laploop.perception.data.frame_store import FrameStore
+from laploop.perception.data.integrity import open_group, refusing_damage
 from laploop.perception.data.pair_store import PairStore
 from laploop.perception.geometry import Rig
 
 
 @runtime_checkable
 class DepthDataset(Protocol):
-    """What rendered frames and collected pairs have in common; shapes as in `frame_store`."""
+    """What rendered frames and collected pairs have in common; shapes as in `frame_store`.
+
+    Whatever is read is compared with its checksum: a damaged frame raises a `DatasetError`.
+    """
 
     path: Path
     split: NDArray[np.uint8]
@@ -42,6 +45,10 @@ class DepthDataset(Protocol):
 
     def indices(self, split: str) -> NDArray[np.intp]:
         """Return the frames of a split that are done."""
+        ...
+
+    def verify(self, indices: Iterable[int]) -> None:
+        """Read some frames, all of their arrays; raise a `DatasetError` if one is damaged."""
         ...
 
     def image(self, index: int) -> NDArray[np.uint8]:
@@ -70,18 +77,17 @@ class ReferencedDataset(DepthDataset, Protocol):
         ...
 
 
-def open_dataset(path: Path) -> DepthDataset:
-    """Open a data set, by its format, as a `FrameStore` or a `PairStore`.
+def open_dataset(path: Path) -> FrameStore | PairStore:
+    """Open a data set, by its format, and check all of it but the frames; these are checked when they are read.
 
     Raises:
         MissingFileError: If there is none.
-        InvalidValueError: If it is of no format that is known here.
+        DatasetError: If it is damaged, of a format that is not known here, or made by an older version.
     """
-    if not (path / "zarr.json").is_file():
-        raise MissingFileError("data set", path, "make one with `laploop synthesize` or `laploop collect`")
-    found = zarr.open_group(store=path, mode="r").attrs.get("format")
-    if found == pair_store.FORMAT:
-        return PairStore.open(path)
-    if found in frame_store.FORMATS:
-        return FrameStore.open(path)
-    raise InvalidValueError(f"format of the data set {path}", found, " or ".join((*frame_store.FORMATS, pair_store.FORMAT)))
+    commands = f"{FrameStore.COMMAND} or {PairStore.COMMAND}"
+    with refusing_damage(f"data set {path}"):
+        found = open_group(path, commands).attrs.get("format")
+    for kind in (FrameStore, PairStore):
+        if found in (kind.FORMAT, *kind.OLDER_FORMATS):
+            return kind.open(path)
+    raise DatasetError(f"data set {path} has the format {found!r}; allowed: one that {commands} made")

@@ -1,6 +1,6 @@
 """Several data sets as one, for training on all of them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +56,12 @@ class JoinedDataset:
         """
         starts = self._starts[:-1]
         return np.concatenate([start + part.indices(split) for start, part in zip(starts, self._parts, strict=True)])
+
+    def verify(self, indices: Iterable[int]) -> None:
+        """Compare frames with their checksums; see `DepthDataset`."""
+        for index in indices:
+            part, within = self._find(index)
+            part.verify([within])
 
     def image(self, index: int) -> NDArray[np.uint8]:
         """Read one image (H, W)."""

@@ -59,6 +59,10 @@ class WeightsError(LaploopError, ValueError):
     """Weights that are truncated, of another architecture, or not safetensors."""
 
 
+class DatasetError(LaploopError, ValueError):
+    """A data set that is damaged, of another kind, or made by an older version."""
+
+
 class MissingFileError(LaploopError, FileNotFoundError):
     """A file that should be there is not."""
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from laploop.assets.tissue_config import TissueConfig
 from laploop.envs.sensors.optics.presets import OpticsRanges, Range
 from laploop.errors import InvalidValueError, UnknownNameError, check_range
-from laploop.perception.data.frame_store import SPLITS
+from laploop.perception.data.store import SPLITS
 from laploop.studies.scenes.optical_bench import OpticalBench
 
 ENGINES = ("process", "ray")

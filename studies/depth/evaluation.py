@@ -15,8 +15,8 @@ from rich.progress import Progress
 from laploop.errors import InvalidValueError, check_range
 from laploop.perception.cramer_rao import CramerRaoBound, SensorNoise
 from laploop.perception.data.datasets import DepthDataset, open_dataset
-from laploop.perception.data.frame_store import SPLITS
 from laploop.perception.data.pair_store import PairStore
+from laploop.perception.data.store import SPLITS
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.monocular import MonocularEstimator, fitted
 from laploop.perception.estimators.oracle import OracleEstimator

@@ -59,16 +59,17 @@ def test_folder_holds_the_data_set_its_card_and_a_summary(out):
 
 
 def test_same_command_again_collects_nothing_anew(out, calibration):
-    before = PairStore.open(out / "pairs.zarr").frame(1).sha256()
+    before = PairStore.open(out / "pairs.zarr").frame(1)
     assert main(["collect", *SMALL, "--calibration", str(calibration), "--out", str(out)]) == 0
     assert json.loads((out / "summary.json").read_text())["pairs_collected_now"] == 0
-    assert PairStore.open(out / "pairs.zarr").frame(1).sha256() == before
+    for name, values in vars(PairStore.open(out / "pairs.zarr").frame(1)).items():
+        np.testing.assert_array_equal(values, getattr(before, name), err_msg=name)
 
 
 def test_verify_tells_a_good_data_set_from_a_spoilt_one(out, capsys):
     assert main(["collect", "--verify", str(out)]) == 0
     assert "3 of 3 pairs done, nothing wrong" in capsys.readouterr().out
-    done = out / "pairs.zarr" / "done" / "c" / "1"
+    done = out / "pairs.zarr" / "checksum" / "c.1.0"
     kept = done.read_bytes()
     done.unlink()
     try:

@@ -271,16 +271,28 @@ def broken(change):
     ("damage", "message"),
     [
         (lambda _: "{", "a JSON file that can be read"),
-        (lambda _: "[]", "schema 'laploop calibration'"),
-        (broken(lambda c: c.update(version=2)), "version of .* is 2; allowed: 1"),
-        (broken(lambda c: c.update(units={"length": "mm"})), "units of"),
+        (lambda _: "[]", "missing field is 'schema'"),
+        (lambda _: "[" * 100_000, "a JSON file that can be read"),
+        (lambda _: "9" * 5000, "a JSON file that can be read"),
+        (broken(lambda c: c["cameras"]["scope"].update(fx=10**400)), "number is '10{49}'; allowed: a finite JSON number"),
+        (lambda c: broken(lambda c: c["cameras"]["scope"].update(fx=0.125))(c).replace("0.125", "1e400"), "number is 'inf'"),
+        (broken(lambda c: c["cameras"]["scope"].update(width=10**6)), "width is 1000000; allowed: an integer, 1 to 16384"),
+        (broken(lambda c: c["cameras"]["scope"]["distortion"].update(k1=1e4)), "k1 is 10000.0; allowed: -1000 to 1000"),
+        (broken(lambda c: c["transforms"]["scope_from_reference"][0].__setitem__(3, 1e6)), "a translation of at most 100 m"),
+        (broken(lambda c: c["transforms"]["scope_from_reference"][0].__setitem__(3, "0.1")), "number is '0.1'"),
+        (broken(lambda c: c["transforms"]["scope_from_reference"][0].__setitem__(0, True)), "number is 'True'"),
+        (broken(lambda c: c["transforms"]["scope_from_reference"][0].__setitem__(0, None)), "number is 'None'"),
+        (broken(lambda c: c["cameras"]["scope"].update(camera_from_board=[1.0])), "list is 1.0"),
+        (broken(lambda c: c["cameras"]["scope"]["camera_from_board"].pop()), "number of camera_from_board is 7; allowed: 8"),
+        (broken(lambda c: c.update(version=2)), "version is 2; allowed: 1"),
+        (broken(lambda c: c.update(units={"length": "mm"})), "units is"),
         (broken(lambda c: c["cameras"].pop("reference")), "missing field is 'cameras.reference'"),
         (broken(lambda c: c["cameras"]["scope"].pop("fx")), "missing field is 'fx'"),
         (broken(lambda c: c["cameras"]["scope"].update(fx="wide")), "number is 'wide'"),
         (broken(lambda c: c["cameras"]["scope"].update(fx=-1.0)), "fx is -1.0; allowed: above 0"),
         (broken(lambda c: c["cameras"]["scope"].update(width=256.5)), "a whole number of pixels"),
         (broken(lambda c: c["cameras"]["scope"]["distortion"].pop("k3")), "missing field is 'distortion.k3'"),
-        (broken(lambda c: c.update(transforms={"scope_from_reference": [[1.0], [1.0, 2.0]]})), "rows of numbers"),
+        (broken(lambda c: c.update(transforms={"scope_from_reference": [[1.0], [1.0, 2.0]]})), "four rows of four numbers"),
         (broken(lambda c: c.update(transforms={"scope_from_reference": np.diag([2, 1, 1, 1]).tolist()})), "a rigid transform"),
         (broken(lambda c: c.update(view_errors_px=[0.1] * 3)), "number of views is 3; allowed: at least 5"),
         (broken(lambda c: c.update(view_errors_px=[math.nan] * 8)), "NaN is not a number"),
@@ -292,6 +304,15 @@ def test_damaged_files_are_refused(stereo, tmp_path, damage, message):
     path.write_text(damage(json.loads(path.read_text())))
     with pytest.raises(InvalidValueError, match=message):
         load_calibration(path)
+
+
+@pytest.mark.parametrize("content", [b"", b"\xff\xfe{\x00}\x00", bytes(range(256)), "{}".encode("utf-16")])
+def test_files_that_are_not_text_are_refused(tmp_path, content):
+    (tmp_path / "calibration.json").write_bytes(content)
+    with pytest.raises(InvalidValueError, match="a JSON file that can be read"):
+        load_calibration(tmp_path / "calibration.json")
+    with pytest.raises(InvalidValueError, match="a JSON file that can be read"):
+        load_calibration(tmp_path)
 
 
 def test_a_missing_file_is_said_to_be_missing(tmp_path):

@@ -14,17 +14,17 @@ from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
 from laploop.assets.tissue_config import TissueConfig, TissueMaterial, TissueShape
 from laploop.envs.sensors.reference.optics import ReferenceOptics
-from laploop.errors import InvalidValueError, MissingFileError, OutputError, SimulationError
+from laploop.errors import DatasetError, MissingFileError, OutputError, SimulationError
 from laploop.perception.calibration.calibration_file import save_calibration
 from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
+from laploop.perception.data.check import check_dataset
 from laploop.perception.data.datasets import open_dataset
 from laploop.perception.data.frame_store import FrameStore
-from laploop.perception.data.pair_store import PairStore
+from laploop.perception.data.pair_store import PairFrame, PairStore
 from laploop.perception.geometry import Rig
 from laploop.perception.reprojection import BrownDistortion
 from laploop.studies.acquisition import run as acquisition
 from laploop.studies.acquisition.card import measure_pairs, summarise, write_card
-from laploop.studies.acquisition.check import check_pairs
 from laploop.studies.acquisition.config import AcquisitionConfig
 from laploop.studies.acquisition.run import collect_pairs
 from laploop.studies.scenes.optical_bench import OpticalBench
@@ -137,13 +137,13 @@ def test_shadows_are_seen_surfaces_inside_the_field_that_are_not_lit(store):
         inside = (np.abs(frame.projector_x) <= half) & (np.abs(frame.projector_y) <= half)
         np.testing.assert_array_equal(frame.shadow, inside & ~frame.lit)
         assert not (frame.shadow & np.isnan(frame.depth_mm)).any()
-    assert any(store.shadow(index).any() for index in range(len(store)))
+    assert any(store.frame(index).shadow.any() for index in range(len(store)))
 
 
 def test_mask_coordinates_are_those_of_the_exact_depth(store):
     rig = Rig.from_optics(SMALL.bench.scope)
     expected = rig.projector_x(1e-3 * store.depth_mm(2).astype(np.float64))
-    np.testing.assert_allclose(store.projector_x(2), expected, atol=2e-6)  # tangent; single precision
+    np.testing.assert_allclose(store.frame(2).projector_x, expected, atol=2e-6)  # tangent; single precision
 
 
 def test_exposure_leaves_frames_neither_dark_nor_burnt(store):
@@ -181,7 +181,7 @@ def test_pair_does_not_depend_on_those_before_it(store, tmp_path, calibration):
         collect_pairs(SMALL, path, calibration=calibration, report=interrupt)
     assert PairStore.open(path).count_done() == 5
     for lost in ("1", "4"):
-        (path / "done" / "c" / lost).unlink()
+        (path / "checksum" / f"c.{lost}.0").unlink()
     collect_pairs(SMALL, path, calibration=calibration, report=reports.append)
     assert reports == [0, 1, 2, 3, 4, 5, 3, 4, 5, 6, 7, 7]
     _assert_same(path, store)
@@ -229,7 +229,7 @@ def test_killed_collection_goes_on_to_the_same_pairs(store, tmp_path, calibratio
         assert PairStore.open(path).count_done() == counted
     collect_pairs(SMALL, path, calibration=calibration)
     _assert_same(path, store)
-    assert check_pairs(path).passed
+    assert check_dataset(PairStore.open(path)).passed
 
 
 @pytest.mark.slow
@@ -274,7 +274,7 @@ def test_folder_with_a_data_set_of_another_kind_is_refused(tmp_path, calibration
         tool_in_view=np.zeros(1, bool),
         config={},
     ).path
-    with pytest.raises(InvalidValueError, match="laploop-frames"):
+    with pytest.raises(DatasetError, match="laploop-frames"):
         collect_pairs(SMALL, path, calibration=calibration)
 
 
@@ -296,67 +296,82 @@ def test_bench_is_calibrated_once_where_no_calibration_is_given(tmp_path, monkey
     for _ in range(2):
         path = collect_pairs(config, tmp_path / "pairs")
     assert asked == [(12, 5, None)]
-    assert check_pairs(path).passed
+    assert check_dataset(PairStore.open(path)).passed
 
 
 def test_good_data_set_passes_the_check(store):
     seen = []
-    result = check_pairs(store.path, report=seen.append)
+    result = check_dataset(store, report=seen.append)
     assert result.passed
-    assert (result.pairs, result.done) == (7, 7)
+    assert (result.frames, result.done) == (7, 7)
     assert seen == list(range(1, 8))
 
 
-def _damage(path, what):
-    """Spoil a store in one way and return what the check must say."""
-    store = PairStore.open(path, writable=True)
-    group = store._group
-    match what:
-        case "not done":
-            group["done"][3] = 0
-        case "chunk cut off":
-            chunk = path / "depth_mm" / "c" / "3" / "0" / "0"
-            chunk.write_bytes(chunk.read_bytes()[:100])
-            return "pair 3: cannot be read"
-        case "hash":
-            group["image"][3, 0, 0] = 255 - int(group["image"][3, 0, 0])
-        case "reference depth":
-            group["reference_depth_mm"][3] = store.reference_depth_mm(3) + np.float32(0.5)
-            return "pair 3: its reference depth is not what"
-        case "differ by":
-            group["depth_mm"][3] = store.depth_mm(3) + np.float32(5.0)
-        case "finite":
-            group["projector_x"][3] = np.nan
-        case "metadata belong":
-            group["metadata"][3] = group["metadata"][4]
-        case "more than one split":
-            group["split"][4] = 0
-            return "tissue 1: in more than one split (train, val)"
-        case "have a reference depth":
-            group["reference_depth_mm"][3] = np.nan
-    return what
+def _cut_off(path):
+    chunk = path / "depth_mm" / "c.3.0.0"
+    chunk.write_bytes(chunk.read_bytes()[:100])
+
+
+def _change_a_value(path):
+    image = PairStore.open(path, writable=True)._arrays["image"]
+    image[3, 0, 0] = 255 - int(image[3, 0, 0])
 
 
 @pytest.mark.parametrize(
-    "what",
+    ("damage", "message"),
     [
-        "not done",
-        "chunk cut off",
-        "hash",
-        "reference depth",
-        "differ by",
-        "finite",
-        "metadata belong",
-        "more than one split",
-        "have a reference depth",
+        (lambda path: (path / "checksum" / "c.3.0").unlink(), "pair 3: not done"),
+        (_cut_off, "pair 3: depth_mm of pair 3"),
+        (_change_a_value, "differs from what was written"),
+        (lambda path: (path / "depth_mm" / "c.3.0.0").unlink(), "differs from what was written"),
+        (lambda path: shutil.copy(path / "image" / "c.2.0.0", path / "image" / "c.3.0.0"), "differs from what was written"),
+        (lambda path: (path / "lit" / "c.3.0.0").write_bytes(b""), "pair 3: lit of pair 3"),
     ],
 )
-def test_check_finds_what_is_wrong_and_where(copied, what):
-    expected = _damage(copied, what)
-    result = check_pairs(copied)
-    assert not result.passed
-    assert any(expected in problem for problem in result.problems), result.problems
-    assert all(("pair 3" in problem) or ("tissue 1" in problem) for problem in result.problems)
+def test_check_finds_damage_and_says_where(copied, damage, message):
+    damage(copied)
+    (problem,) = check_dataset(PairStore.open(copied)).problems
+    assert problem.startswith("pair 3: ")
+    assert message in problem
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("reference_depth_mm", lambda mm: mm + np.float32(0.5), "its reference depth is not what"),
+        ("reference_depth_mm", lambda mm: np.full_like(mm, np.nan), "have a reference depth"),
+        ("depth_mm", lambda mm: mm + np.float32(5.0), "differ by"),
+        ("projector_x", lambda x: np.full_like(x, np.nan), "finite"),
+        ("lit", np.zeros_like, "the projector reaches"),
+        ("image", np.zeros_like, "its image is even"),
+    ],
+)
+def test_check_finds_what_cannot_be(copied, name, change, message):
+    store = PairStore.open(copied, writable=True)
+    frame = vars(store.frame(3))
+    store.write(3, PairFrame(**{**frame, name: change(frame[name])}), store.metadata(3))
+    problems = check_dataset(store).problems
+    assert any(message in problem for problem in problems), problems
+    assert all(problem.startswith("pair 3: ") for problem in problems)
+
+
+def test_check_finds_metadata_of_another_pair(copied):
+    store = PairStore.open(copied, writable=True)
+    store.write(3, store.frame(3), store.metadata(4))
+    assert check_dataset(store).problems == ("pair 3: its metadata belong to pair 4",)
+
+
+def test_check_finds_a_tissue_in_two_splits(tmp_path):
+    store = FrameStore.create(
+        tmp_path / "frames",
+        optics=SMALL.bench.scope,
+        tissue_seed=np.array([0, 1, 1]),
+        split=np.array([0, 0, 1], np.uint8),
+        tool_in_view=np.zeros(3, bool),
+        config={},
+    )
+    problems = check_dataset(store).problems
+    assert problems == ("tissue 1: in more than one split (train, val)", *(f"frame {index}: not done" for index in range(3)))
 
 
 def test_card_tells_splits_statistics_and_the_true_residual(store):

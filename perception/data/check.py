@@ -1,14 +1,15 @@
-"""Looks through a collected data set for anything that is not as it should be."""
+"""Looks through a data set for anything that is not as it should be."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from laploop.errors import LaploopError
-from laploop.perception.data.frame_store import SPLITS
+from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.data.pair_store import PairFrame, PairStore
+from laploop.perception.data.store import SPLITS
 
 _MEDIAN_LIMIT_MM = 2.0
 """Largest median difference between reference and exact depth of a pair: four times what a calibration may be off."""
@@ -21,7 +22,7 @@ _SETTLED_MM_S = 0.1
 class CheckResult:
     """What was found."""
 
-    pairs: int
+    frames: int
     done: int
     problems: tuple[str, ...]
 
@@ -31,35 +32,28 @@ class CheckResult:
         return not self.problems
 
 
-def check_pairs(path: Path, *, report: Callable[[int], None] | None = None) -> CheckResult:
-    """Check every pair of a store: complete, readable, unchanged, and plausible.
+def check_dataset(store: FrameStore | PairStore, *, report: Callable[[int], None] | None = None) -> CheckResult:
+    """Check every frame of a data set: complete, readable, unchanged, and plausible.
 
-    A pair must be done; its arrays must be those that were hashed when they were written; its exact depth, mask coordinates,
-    lit and shadow masks must agree about where something was seen; its reference depth must follow from the stored cloud and
-    calibration, and lie near the exact one. No tissue may be in two splits.
+    A frame must be done; its arrays must be those that were written; its depth, lit and shadow masks must agree about where
+    something was seen. Of a pair, the reference depth must also follow from the stored cloud and calibration, and lie near the
+    exact one. No tissue may be in two splits.
 
     Args:
-        path: Of the store.
-        report: Is told how many pairs were looked at.
-
-    Raises:
-        MissingFileError: If there is no store, or its calibration is missing.
-        InvalidValueError: If it is of another format, or its calibration is not valid.
+        store: An open data set.
+        report: Called with the number of frames checked so far.
     """
-    store = PairStore.open(path)
     done = store.done()
     problems = _check_plan(store)
     for index in range(len(store)):
-        if not done[index]:
-            problems.append(f"pair {index}: not done")
-        else:
-            problems += [f"pair {index}: {what}" for what in _check_pair(store, index)]
+        found = _check_frame(store, index) if done[index] else ["not done"]
+        problems += [f"{store.NOUN} {index}: {what}" for what in found]
         if report is not None:
             report(index + 1)
-    return CheckResult(pairs=len(store), done=int(done.sum()), problems=tuple(problems))
+    return CheckResult(frames=len(store), done=int(done.sum()), problems=tuple(problems))
 
 
-def _check_plan(store: PairStore) -> list[str]:
+def _check_plan(store: FrameStore | PairStore) -> list[str]:
     problems = []
     if not np.isin(store.split, np.arange(len(SPLITS))).all():
         problems.append(f"split: numbers other than 0 to {len(SPLITS) - 1}")
@@ -71,29 +65,38 @@ def _check_plan(store: PairStore) -> list[str]:
     return problems
 
 
-def _check_pair(store: PairStore, index: int) -> list[str]:
+def _check_frame(store: FrameStore | PairStore, index: int) -> list[str]:
     try:
-        frame, metadata = store.frame(index), store.metadata(index)
-        sha256, number = metadata["sha256"], metadata["index"]
-        speed = float(metadata["surface_speed_mm_s"])
-        same = np.array_equal(
-            frame.reference_depth_mm,
-            store.reproject_with(index, store.calibration.scope_from_reference).depth_mm,
-            equal_nan=True,
-        )
-    # A damaged chunk shows as whatever the decompressor or the decoder makes of it.
-    except (LaploopError, OSError, RuntimeError, ValueError, KeyError, TypeError) as error:
-        return [f"cannot be read ({error})"]
+        store.verify([index])
+        if isinstance(store, PairStore):
+            return _check_pair(store, index)
+        depth_mm, lit = store.depth_mm(index), store.lit(index)
+    except LaploopError as error:
+        return [str(error)]
+    problems = _check_positive("depth_mm", depth_mm)
+    if not np.isfinite(depth_mm).any():
+        problems.append("nothing was seen")
+    if (lit & np.isnan(depth_mm)).any():
+        problems.append("lit where nothing was seen")
+    return problems
+
+
+def _check_pair(store: PairStore, index: int) -> list[str]:
+    frame, metadata = store.frame(index), store.metadata(index)
+    number, speed = metadata.get("index"), metadata.get("surface_speed_mm_s", np.nan)
+    reprojected = store.reproject_with(index, store.calibration.scope_from_reference).depth_mm
     problems = []
     if number != index:
         problems.append(f"its metadata belong to pair {number}")
-    if sha256 != frame.sha256():
-        problems.append("its arrays are not those that were written (hash)")
-    if not same:
+    if not np.array_equal(frame.reference_depth_mm, reprojected, equal_nan=True):
         problems.append("its reference depth is not what the stored cloud and calibration give")
     if not speed <= _SETTLED_MM_S:
         problems.append(f"the tissue moved at {speed:g} mm/s when it was taken")
     return problems + _check_content(frame)
+
+
+def _check_positive(name: str, values: NDArray[np.float32]) -> list[str]:
+    return [f"{name} is not positive everywhere"] if np.nanmin(values, initial=np.inf) <= 0.0 else []
 
 
 def _check_content(frame: PairFrame) -> list[str]:
@@ -110,9 +113,7 @@ def _check_content(frame: PairFrame) -> list[str]:
     if frame.image.min() == frame.image.max():
         problems.append("its image is even")
     for name in ("depth_mm", "reference_depth_mm", "reference_z_mm"):
-        values = getattr(frame, name)
-        if np.nanmin(values, initial=np.inf) <= 0.0:
-            problems.append(f"{name} is not positive everywhere")
+        problems += _check_positive(name, getattr(frame, name))
     both = seen & np.isfinite(frame.reference_depth_mm)
     if both.mean() < _LEAST_SHARE:
         problems.append(f"{both.mean():.1%} of the image have a reference depth; expected: at least {_LEAST_SHARE:.0%}")

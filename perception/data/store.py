@@ -1,0 +1,278 @@
+"""What all data sets on disk have in common: a Zarr group with a chunk a frame, a checksum for each, and a fixed plan.
+
+| array | shape, type | what |
+|---|---|---|
+| one for each kind of picture | (N, ...) | see `frame_store` and `pair_store`; a chunk a frame |
+| `tissue_seed` | (N,) int64 | which tissue |
+| `split` | (N,) uint8 | index into `SPLITS` |
+| `tool_in_view` | (N,) bool | whether the instrument was put into the view |
+| `checksum` | (N, 32 K) uint8 | SHA-256 of the frame's K arrays; written last, so that a frame without it is not done |
+
+A store appears whole, without frames; a frame that is not done does not exist. Zarr writes chunks to the side and renames them,
+so that several processes may fill a store at once and be killed at any moment. Attributes, plan and the files beside the arrays
+are compared with their checksums when a store is opened, frames when they are read.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.assets.scope_optics import ScopeOptics
+from laploop.configuration import from_plain
+from laploop.errors import DatasetError, InvalidValueError, OutputError
+from laploop.perception.data.integrity import (
+    CHECKSUM_BYTES,
+    compare,
+    new_folder,
+    open_group,
+    refusing_damage,
+    sha256,
+    sha256_of_json,
+)
+from laploop.perception.geometry import Rig
+
+SPLITS = ("train", "val", "test")
+
+_PLAN = {"tissue_seed": "int64", "split": "uint8", "tool_in_view": "bool"}
+_CHECKSUM_FILE = re.compile(r"c\.(\d+)\.0")
+_LEFT_BEHIND = "*.partial"
+"""Files that Zarr had not renamed yet when its process was killed."""
+_CHUNK_NAMES = {"name": "default", "separator": "."}
+_STORE_ALL_CHUNKS = {"array.write_empty_chunks": True}
+"""By default Zarr leaves out chunks that equal its fill value, and gives back another NaN than was written."""
+
+
+class Store:
+    """A data set on disk; its subclasses say which arrays a frame has."""
+
+    FORMAT: ClassVar[str]
+    OLDER_FORMATS: ClassVar[tuple[str, ...]]
+    COMMAND: ClassVar[str]
+    """What makes such a data set."""
+    NOUN: ClassVar[str] = "frame"
+
+    def __init__(self, path: Path, *, writable: bool = False) -> None:
+        """Open a store, and check all of it but the frames, which are checked when they are read.
+
+        Raises:
+            MissingFileError: If there is none.
+            DatasetError: If it is damaged, of another format, or made by an older version.
+        """
+        import zarr
+
+        self.path = path
+        with refusing_damage(f"data set {path}"), zarr.config.set(_STORE_ALL_CHUNKS):
+            group = open_group(path, self.COMMAND, writable=writable)
+            self._attributes = group.attrs.asdict()
+            self._check_attributes()
+            self._names = tuple(self._attributes["arrays"])
+            self._arrays = {name: _checked(group, name, *expected) for name, expected in _layout(self._attributes).items()}
+            self._plan = {name: self._arrays[name][:] for name in self._attributes["plan"]}
+            for name, (_, checksum) in self._attributes["plan"].items():
+                compare(name, self._plan[name].tobytes(), checksum)
+            for name, checksum in self._attributes["files"].items():
+                compare(name, (path / name).read_bytes(), checksum)
+            self.optics = from_plain(ScopeOptics, self._attributes["optics"])
+            """The nominal scope."""
+        self.tissue_seed: NDArray[np.int64] = self._plan["tissue_seed"]
+        self.split: NDArray[np.uint8] = self._plan["split"]
+        self.tool_in_view: NDArray[np.bool_] = self._plan["tool_in_view"]
+
+    def __len__(self) -> int:
+        """Return the number of planned frames."""
+        return len(self.split)
+
+    @classmethod
+    def open(cls, path: Path, *, writable: bool = False) -> Self:
+        """Open a store; see the constructor."""
+        return cls(path, writable=writable)
+
+    @classmethod
+    def _create(
+        cls,
+        path: Path,
+        *,
+        arrays: Mapping[str, tuple[str, tuple[int, ...]]],
+        plan: Mapping[str, NDArray[Any]],
+        files: Mapping[str, bytes] | None = None,
+        **attributes: Any,
+    ) -> Self:
+        """Make an empty store at a path that does not exist yet; it appears whole or not at all.
+
+        Args:
+            path: Where.
+            arrays: Type and shape of each of a frame's arrays.
+            plan: What is planned for each frame, (N,) each.
+            files: What lies beside the arrays.
+            attributes: What else is kept, as JSON has it.
+
+        Raises:
+            OutputError: If the path exists or cannot be written.
+        """
+        import zarr
+        from zarr.codecs import BloscCodec, Crc32cCodec
+
+        plan = {name: np.asarray(values, dtype=_PLAN.get(name)) for name, values in plan.items()}
+        if len({values.shape for values in plan.values()}) > 1:
+            raise InvalidValueError("shapes of the plan", [values.shape for values in plan.values()], "(frames,), all alike")
+        attributes |= {"format": cls.FORMAT, "frames": len(plan["split"]), "arrays": dict(arrays)}
+        attributes["plan"] = {name: (str(values.dtype), sha256(values.tobytes())) for name, values in plan.items()}
+        files = files or {}
+        attributes["files"] = {name: sha256(content) for name, content in files.items()}
+        attributes["sha256"] = sha256_of_json(attributes)
+        # The checksum is looked at first: given a damaged chunk, Blosc may crash the process.
+        codecs = (BloscCodec(cname="zstd", clevel=4, shuffle="bitshuffle"), Crc32cCodec())
+        with new_folder(path) as partial:
+            group: Any = zarr.open_group(store=partial, mode="w")
+            for name, (dtype, shape) in _layout(attributes).items():
+                if name in plan:
+                    group.create_array(name, data=plan[name])
+                    continue
+                layout = {"shape": shape, "chunks": (1, *shape[1:]), "dtype": dtype, "chunk_key_encoding": _CHUNK_NAMES}
+                group.create_array(name, compressors=codecs, **layout)
+            for name, content in files.items():
+                (partial / name).write_bytes(content)
+            group.attrs.update(attributes)
+        return cls(path, writable=True)
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """What the frames were made from."""
+        return dict(self._attributes["config"])
+
+    def done(self) -> NDArray[np.bool_]:
+        """Return which frames are whole, (N,), from the files' names alone: quick enough to ask after each frame."""
+        done = np.zeros(len(self), dtype=bool)
+        with refusing_damage(f"data set {self.path}"):
+            for file in (self.path / "checksum").iterdir():
+                if (match := _CHECKSUM_FILE.fullmatch(file.name)) and int(match[1]) < len(done):
+                    done[int(match[1])] = True
+        return done
+
+    def count_done(self) -> int:
+        """Return how many frames are whole."""
+        return int(self.done().sum())
+
+    def indices(self, split: str) -> NDArray[np.intp]:
+        """Return the frames of a split that are done.
+
+        Raises:
+            InvalidValueError: If the split is unknown or has no frame.
+        """
+        if split not in SPLITS:
+            raise InvalidValueError("split", split, f"one of {', '.join(SPLITS)}")
+        chosen = np.flatnonzero((self.split == SPLITS.index(split)) & self.done())
+        if not len(chosen):
+            name = f"number of {self.NOUN}s in split {split!r} of {self.path}"
+            raise InvalidValueError(name, 0, "1 or more; finish the data set")
+        return chosen
+
+    def verify(self, indices: Iterable[int]) -> None:
+        """Read all arrays of some frames and compare them with their checksums.
+
+        Raises:
+            DatasetError: If one is damaged or not done.
+        """
+        for index in indices:
+            for name in self._names:
+                self._read(name, int(index))
+
+    def remove_left_behind(self) -> None:
+        """Remove files that killed processes left half written; nobody may be writing meanwhile."""
+        for file in self.path.rglob(_LEFT_BEHIND):
+            file.unlink(missing_ok=True)
+
+    def image(self, index: int) -> NDArray[np.uint8]:
+        """Read one image (H, W)."""
+        return self._read("image", index)
+
+    def depth_mm(self, index: int) -> NDArray[np.float32]:
+        """Read one exact depth map (H, W)."""
+        return self._read("depth_mm", index)
+
+    def lit(self, index: int) -> NDArray[np.bool_]:
+        """Read where the projector reached (H, W)."""
+        return self._read("lit", index)
+
+    def rig(self, index: int) -> Rig:
+        """Return the rig that took a frame.
+
+        Raises:
+            InvalidValueError: If there is no such frame.
+        """
+        raise NotImplementedError
+
+    def _read(self, name: str, index: int) -> NDArray[Any]:
+        """Read one array of a frame and compare it with its checksum.
+
+        Raises:
+            InvalidValueError: If there is no such frame.
+            DatasetError: If the frame is damaged or not done.
+        """
+        self._check_index(index)
+        with refusing_damage(f"{name} of {self.NOUN} {index} of {self.path}"):
+            values = np.asarray(self._arrays[name][index])
+            begin = CHECKSUM_BYTES * self._names.index(name)
+            checksums = np.asarray(self._arrays["checksum"][index])
+            compare("data", values.tobytes(), checksums[begin : begin + CHECKSUM_BYTES].tobytes().hex())
+        return values
+
+    def _write(self, index: int, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Write all arrays of one frame; it counts from the moment this returns.
+
+        Raises:
+            InvalidValueError: If there is no such frame, or an array has another type or shape.
+            OutputError: If the disk refuses.
+        """
+        self._check_index(index)
+        for name in self._names:
+            found = (str(arrays[name].dtype), arrays[name].shape)
+            expected = (str(self._arrays[name].dtype), self._arrays[name].shape[1:])
+            if found != expected:
+                raise InvalidValueError(f"type and shape of {name}", found, str(expected))
+        checksums = "".join(sha256(arrays[name].tobytes()) for name in self._names)
+        try:
+            for name in self._names:
+                self._arrays[name][index] = arrays[name]
+            self._arrays["checksum"][index] = np.frombuffer(bytes.fromhex(checksums), dtype=np.uint8)
+        except OSError as error:
+            message = f"cannot write {self.NOUN} {index} to {self.path}: {error}; what was saved stays"
+            raise OutputError(message) from error
+
+    def _check_index(self, index: int) -> None:
+        if not 0 <= index < len(self):
+            raise InvalidValueError(f"index of a {self.NOUN}", index, f"0 to {len(self) - 1}")
+
+    def _check_attributes(self) -> None:
+        found = self._attributes.get("format")
+        if found in self.OLDER_FORMATS:
+            raise DatasetError(f"data set {self.path} was made by an older version; make it anew with {self.COMMAND}")
+        if found != self.FORMAT:
+            raise DatasetError(
+                f"data set {self.path} has the format {found!r}; allowed: {self.FORMAT!r}, made by {self.COMMAND}"
+            )
+        if self._attributes.pop("sha256", None) != sha256_of_json(self._attributes):
+            raise DatasetError(f"data set {self.path} cannot be used: its attributes are not those that were written")
+
+
+def _layout(attributes: Mapping[str, Any]) -> dict[str, tuple[str, tuple[int, ...]]]:
+    """Return type and shape of every array of a store."""
+    count, arrays = attributes["frames"], attributes["arrays"]
+    return {
+        **{name: (dtype, (count,)) for name, (dtype, _) in attributes["plan"].items()},
+        **{name: (dtype, (count, *shape)) for name, (dtype, shape) in arrays.items()},
+        "checksum": ("uint8", (count, CHECKSUM_BYTES * len(arrays))),
+    }
+
+
+def _checked(group: Any, name: str, dtype: str, shape: tuple[int, ...]) -> Any:
+    if name not in group:
+        raise ValueError(f"its array {name} is missing")
+    array = group[name]
+    if (str(array.dtype), array.shape) != (dtype, shape):
+        raise ValueError(f"its array {name} is {array.dtype} of shape {array.shape}, not {dtype} of {shape}")
+    return array
