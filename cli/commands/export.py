@@ -53,7 +53,7 @@ def main(arguments: Sequence[str]) -> int:
 
     from laploop.perception.inference.export import export_onnx, require_packages
     from laploop.perception.inference.models import random_module, trained_module
-    from laploop.perception.networks.specs import NETWORKS
+    from laploop.perception.network_specs import NETWORKS
 
     NETWORKS.check(chosen.model)
     require_packages("onnx", "onnxscript")

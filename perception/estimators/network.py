@@ -38,7 +38,7 @@ class NetworkEstimator(ABC):
         # The filters of a rig are computed on the device, with its arithmetic.
         context = network.context(rig)
         self._context = () if context is None else (context,)
-        self._network.to(memory_format=torch.channels_last)
+        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def estimate(self, image: NDArray[np.uint8]) -> DepthEstimate:
         """Estimate z-depth in millimetres and its validity from an image (height, width).

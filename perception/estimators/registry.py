@@ -9,7 +9,7 @@ from typing import Any
 from laploop.errors import InvalidValueError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.geometry import Rig
-from laploop.perception.networks.specs import SHIPPED, NetworkSpec
+from laploop.perception.network_specs import SHIPPED, NetworkSpec
 from laploop.registry import Registry
 
 Factory = Callable[..., DepthEstimator]
@@ -65,7 +65,7 @@ def make_estimator(
     entry = BASELINES.get(name) if name in BASELINES.names() else ESTIMATORS.get(name)
     given = dict(arguments or {})
     if isinstance(entry, NetworkSpec):
-        from laploop.perception.networks.depth_network import load_network
+        from laploop.perception.inference.models import load_network
 
         factory: Factory = partial(entry.imported(entry.estimator), network=load_network(entry, rig, weights))
     else:

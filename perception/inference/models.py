@@ -1,11 +1,17 @@
-"""Depth networks by name and size, in inference form, with trained weights or without."""
+"""Depth networks made from their entries, with trained weights or without."""
 
 from pathlib import Path
 
+import torch
+
+from laploop.configuration import from_plain
+from laploop.errors import LaploopError, WeightsError
 from laploop.perception.geometry import Rig
 from laploop.perception.inference.depth_module import DepthModule
-from laploop.perception.networks.depth_network import load_network, random_network
-from laploop.perception.networks.specs import NETWORKS
+from laploop.perception.network_specs import NETWORKS, NetworkSpec
+from laploop.perception.networks.configs import NetworkConfig
+from laploop.perception.networks.depth_network import DepthNetwork
+from laploop.perception.weights import load_weights, read_architecture
 
 
 def random_module(name: str, rig: Rig, size: str | None = None, *, seed: int = 0) -> DepthModule:
@@ -15,7 +21,10 @@ def random_module(name: str, rig: Rig, size: str | None = None, *, seed: int = 0
         UnknownNameError: If there is no such network or size.
     """
     spec = NETWORKS.get(name)
-    network = random_network(spec, rig, size, seed=seed)
+    config = spec.sized(size).for_image(rig.camera.height, rig.camera.width)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        network = build_network(spec, rig, config)
     return DepthModule(network, network.context(rig), outputs=spec.outputs)
 
 
@@ -31,3 +40,35 @@ def trained_module(name: str, rig: Rig, weights: Path | None = None) -> DepthMod
     spec = NETWORKS.get(name)
     network = load_network(spec, rig, weights)
     return DepthModule(network, network.context(rig), outputs=spec.outputs)
+
+
+def build_network(spec: NetworkSpec, rig: Rig, config: NetworkConfig) -> DepthNetwork:
+    """Make a network with random weights for the images of a rig.
+
+    Raises:
+        InvalidValueError: If it takes images of another size than the rig's.
+    """
+    config.check_image("the rig", (rig.camera.height, rig.camera.width))
+    kind: type[DepthNetwork] = spec.imported(spec.network)
+    return kind.for_rig(rig, config)
+
+
+def load_network(spec: NetworkSpec, rig: Rig, weights: Path | None = None) -> DepthNetwork:
+    """Make the network that a weights file describes, by default the shipped one.
+
+    Raises:
+        MissingFileError: If the file is not there.
+        WeightsError: If it is damaged, of another network, or not safetensors.
+        InvalidValueError: If the network takes images of another size than the rig's.
+    """
+    path = spec.weights if weights is None else Path(weights)
+    described = read_architecture(path, spec.config.form)
+    del described["format"]
+    try:
+        config = from_plain(spec.config, described)
+    except (LaploopError, ValueError, RecursionError) as error:
+        raise WeightsError(f"{path} describes an impossible network: {error}") from error
+    network = build_network(spec, rig, config)
+    tensors, _ = load_weights(path, config.architecture, network.state_dict())
+    network.load_state_dict(tensors)
+    return network

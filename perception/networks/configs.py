@@ -41,6 +41,13 @@ class NetworkConfig:
         """Return the configuration for images of another size; the same where any size will do."""
         return self
 
+    def check_image(self, whose: str, size: tuple[int, int]) -> None:
+        """Refuse images (height, width) of another size than the network's.
+
+        Raises:
+            InvalidValueError: If they are; the message says whose they are.
+        """
+
 
 @configuration
 class SizedNetworkConfig(NetworkConfig):
@@ -52,6 +59,12 @@ class SizedNetworkConfig(NetworkConfig):
     def for_image(self, height: int, width: int) -> Self:
         """Return the same network for images of another size."""
         return replace(self, height=height, width=width)
+
+    def check_image(self, whose: str, size: tuple[int, int]) -> None:
+        """Refuse images (height, width) of another size than the network's."""
+        if size != (self.height, self.width):
+            allowed = f"{(self.height, self.width)}, for which the network was made"
+            raise InvalidValueError(f"image (height, width) of {whose}", size, allowed)
 
     def check_multiple(self, step: int) -> None:
         """Refuse an image that cannot be halved often enough.

@@ -145,7 +145,7 @@ def measure_speed(config: SpeedConfig, progress: Callable[[float], None] | None 
     import torch  # slow to import
 
     from laploop.perception.inference.torch_runner import check_device
-    from laploop.perception.networks.specs import NETWORKS
+    from laploop.perception.network_specs import NETWORKS
 
     check_device(config.device)
     networked = config.model in NETWORKS.names()

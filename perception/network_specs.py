@@ -1,7 +1,7 @@
 """One entry a depth network: all that the command line, the estimators, the results and the docs need to know of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.resources import files
 from pathlib import Path
@@ -16,6 +16,20 @@ from laploop.perception.networks.configs import (
     SsleConfig,
     SslePhaseConfig,
     VqVaeConfig,
+)
+from laploop.perception.training.options import (
+    CompactOptions,
+    DualUNetOptions,
+    SsleOptions,
+    SslePhaseOptions,
+    TrainingOptions,
+)
+from laploop.perception.training.settings import (
+    DualUNetTraining,
+    Schedule,
+    SsleLoss,
+    SslePhaseTraining,
+    SsleTraining,
 )
 from laploop.registry import Registry
 
@@ -34,6 +48,12 @@ class NetworkSpec:
     """A `NetworkEstimator`."""
     outputs: tuple[str, ...] = ("depth_mm",)
     """What it gives in other runtimes."""
+    trainings: Mapping[str, Any] = field(default_factory=dict)
+    """Schedules and weights of the losses by size."""
+    options: type[TrainingOptions] | None = None
+    """What the command line can say of its training; None if it cannot be trained here."""
+    train: str = ""
+    """A function that is called with a `TrainingRun` and with what the options choose, and returns the path of the weights."""
 
     @property
     def config(self) -> type[NetworkConfig]:
@@ -56,6 +76,11 @@ class NetworkSpec:
             raise UnknownNameError(f"size of {self.name}", size, self.sizes)
         return self.sizes[size]
 
+    def settings(self, options: TrainingOptions, *, height: int, width: int) -> dict[str, Any]:
+        """Return the arguments of a training by name, for images of a size: `config`, `training`, and what it alone takes."""
+        chosen = options.chosen(self.sizes, self.trainings)
+        return {**chosen, "config": chosen["config"].for_image(height, width)}
+
     @staticmethod
     def imported(path: str) -> Any:
         """Return what `module:attribute` points at."""
@@ -70,6 +95,8 @@ SHIPPED = (
         network="laploop.perception.networks.compact_unet:CompactUNet",
         estimator="laploop.perception.estimators.network:ScaleEstimator",
         outputs=("depth_mm", "log_scale"),
+        options=CompactOptions,
+        train="laploop.perception.training.compact:train_compact",
     ),
     NetworkSpec(
         name="ssle-phase",
@@ -80,6 +107,9 @@ SHIPPED = (
         network="laploop.perception.networks.ssle_phase:SslePhase",
         estimator="laploop.perception.estimators.network:ScaleEstimator",
         outputs=("depth_mm", "log_scale"),
+        trainings={"small": SslePhaseTraining(), "tiny": SslePhaseTraining()},
+        options=SslePhaseOptions,
+        train="laploop.perception.training.ssle_phase:train_ssle_phase",
     ),
     NetworkSpec(
         name="ssle",
@@ -100,6 +130,35 @@ SHIPPED = (
         },
         network="laploop.perception.networks.ssle_network:SsleNetwork",
         estimator="laploop.perception.estimators.network:RangeEstimator",
+        trainings={
+            "small": SsleTraining(
+                # In float32: group normalisation casts back and forth, so that bfloat16 makes a step of these slower.
+                vq=Schedule(
+                    epochs=9, learning_rate=2e-3, final_learning_rate=1e-5, per_step=True, warmup_steps=20, clip_norm=5.0
+                ),
+                unet=Schedule(
+                    epochs=60,
+                    learning_rate=2e-3,
+                    final_learning_rate=1e-5,
+                    per_step=True,
+                    warmup_steps=50,
+                    clip_norm=5.0,
+                    bfloat16=True,
+                ),
+                # The latent's L1 stays near a half while the depth's falls below a hundredth; at 0.1 it would lead.
+                loss=SsleLoss(beta_end=0.02),
+                gain_range=0.15,
+                tune_decoder=True,
+                variants=6,
+            ),
+            "paper": SsleTraining(),
+            "tiny": SsleTraining(
+                vq=Schedule(epochs=2, batch=2, learning_rate=2e-3, final_learning_rate=1e-4),
+                unet=Schedule(epochs=2, batch=2, learning_rate=2e-3, final_learning_rate=1e-5),
+            ),
+        },
+        options=SsleOptions,
+        train="laploop.perception.training.ssle:train_ssle",
     ),
     NetworkSpec(
         name="dual-unet",
@@ -116,6 +175,16 @@ SHIPPED = (
         },
         network="laploop.perception.networks.dual_unet:DualUNet",
         estimator="laploop.perception.estimators.network:MaskEstimator",
+        trainings={
+            "small": DualUNetTraining(
+                schedule=Schedule(epochs=22, learning_rate=2e-3, per_step=True, warmup_steps=50, clip_norm=5.0, bfloat16=True),
+                gain_range=0.15,
+            ),
+            "paper": DualUNetTraining(),
+            "tiny": DualUNetTraining(schedule=Schedule(epochs=2, batch=2, learning_rate=2e-3)),
+        },
+        options=DualUNetOptions,
+        train="laploop.perception.training.dual_unet:train_dual_unet",
     ),
 )
 
