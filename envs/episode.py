@@ -26,7 +26,7 @@ from laploop.envs.theatre.organ_motion import BaseMotion, MotionName
 from laploop.envs.theatre.trocar import TrocarConfig, TrocarName
 from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.perception.estimators.base import DepthEstimator
-from laploop.perception.estimators.registry import estimator_names, make_estimator
+from laploop.perception.estimators.registry import ESTIMATORS, make_estimator
 from laploop.perception.geometry import Rig
 
 HOLDING_TASKS = ("reach", "palpate")
@@ -85,7 +85,7 @@ class EpisodeConfig:
         """
         for kind, name, available in (
             ("task", self.task, TASKS),
-            ("perception", self.perception, estimator_names()),
+            ("perception", self.perception, ESTIMATORS.names()),
             ("motion", self.motion, get_args(MotionName)),
             ("actuation", self.actuation, get_args(ActuationName)),
             ("trocar", self.trocar, get_args(TrocarName)),

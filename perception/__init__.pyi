@@ -15,9 +15,9 @@ from .data.frame_store import FrameStore as FrameStore
 from .data.pair_store import PairFrame as PairFrame
 from .data.pair_store import PairStore as PairStore
 from .estimators.base import DepthEstimator as DepthEstimator
-from .estimators.registry import estimator_names as estimator_names
+from .estimators.base import checked_estimate as checked_estimate
+from .estimators.registry import ESTIMATORS as ESTIMATORS
 from .estimators.registry import make_estimator as make_estimator
-from .estimators.registry import register as register
 from .geometry import Intrinsics as Intrinsics
 from .geometry import Rig as Rig
 from .geometry import invert_transform as invert_transform
@@ -28,11 +28,15 @@ from .messages import DepthFrame as DepthFrame
 from .messages import StripeFrame as StripeFrame
 from .metrics import DepthMetrics as DepthMetrics
 from .metrics import depth_metrics as depth_metrics
+from .network_specs import NETWORKS as NETWORKS
+from .network_specs import NetworkSpec as NetworkSpec
 from .reprojection import reproject as reproject
 from .weights import load_weights as load_weights
 from .weights import save_weights as save_weights
 
 __all__ = [
+    "ESTIMATORS",
+    "NETWORKS",
     "CameraCalibration",
     "CramerRaoBound",
     "DepthDataset",
@@ -43,6 +47,7 @@ __all__ = [
     "FrameStore",
     "HandEyeCalibration",
     "Intrinsics",
+    "NetworkSpec",
     "PairFrame",
     "PairStore",
     "ProjectorCalibration",
@@ -53,15 +58,14 @@ __all__ = [
     "calibrate_hand_eye",
     "calibrate_projector",
     "calibrate_stereo",
+    "checked_estimate",
     "depth_metrics",
-    "estimator_names",
     "export_onnx",
     "invert_transform",
     "load_calibration",
     "load_weights",
     "make_estimator",
     "open_dataset",
-    "register",
     "reproject",
     "save_calibration",
     "save_weights",

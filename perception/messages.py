@@ -26,9 +26,9 @@ class DepthEstimate:
     """What an estimator says about one image."""
 
     depth_mm: NDArray[np.float32]
-    """(height, width), z-depth; what it holds where `valid` is False means nothing, but it is finite."""
+    """(height, width), z-depth; always finite, undefined where `valid` is False."""
     valid: NDArray[np.bool_]
-    """(height, width), where the estimator stands by its value."""
+    """(height, width), where the estimator marks its depth valid."""
 
     def __post_init__(self) -> None:
         """Check shapes and types.
@@ -36,6 +36,10 @@ class DepthEstimate:
         Raises:
             InvalidValueError: If the two arrays do not belong together or have other types.
         """
+        arrays: dict[str, object] = {"depth_mm": self.depth_mm, "valid": self.valid}
+        for name, values in arrays.items():
+            if not isinstance(values, np.ndarray):
+                raise InvalidValueError(f"type of {name}", type(values).__name__, "a numpy array")
         shapes = (self.depth_mm.shape, self.valid.shape)
         if self.depth_mm.ndim != 2 or shapes[0] != shapes[1]:
             raise InvalidValueError("shape of depth_mm and valid", shapes, "two equal (height, width)")

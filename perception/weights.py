@@ -3,7 +3,10 @@
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+import reprlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -64,21 +67,14 @@ def load_weights(
         MissingFileError: If there is no such file.
         WeightsError: If it is a pickle, truncated or damaged, or holds another architecture.
     """
-    _refuse_missing(path)
-    refuse_pickle(path)
-    try:
-        with safe_open(path, framework="pt") as file:
-            metadata = dict(file.metadata() or {})
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
-    except (SafetensorError, OSError, ValueError) as error:
-        raise WeightsError(f"{path} is truncated or not safetensors ({error}); allowed: a whole safetensors file") from error
+    with _opened(path) as file:
+        metadata = dict(file.metadata() or {})
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
+        described = json.loads(metadata.get("architecture", "null"))
     wanted = architecture_hash(architecture, expected)
-    found = metadata.get("architecture_hash", "none")
-    if found != wanted or architecture_hash(architecture, tensors) != wanted:
-        raise WeightsError(
-            f"{path} holds weights of architecture {found} ({metadata.get('architecture', 'not described')}); "
-            f"allowed: {wanted} ({json.dumps(architecture, sort_keys=True)})"
-        )
+    if metadata.get("architecture_hash") != wanted or architecture_hash(architecture, tensors) != wanted:
+        found = difference(described, architecture) or "its tensors have other names, shapes or types"
+        raise WeightsError(f"{path} holds weights of another architecture: {found}")
     for name, tensor in tensors.items():
         if tensor.is_floating_point() and not bool(torch.isfinite(tensor).all()):
             raise WeightsError(f"{path} holds NaN or infinite values in {name!r}; allowed: finite values")
@@ -96,17 +92,30 @@ def read_architecture(path: Path, form: str) -> dict[str, Any]:
         MissingFileError: If there is no such file.
         WeightsError: If it is a pickle, truncated or damaged, or of another format.
     """
-    _refuse_missing(path)
-    refuse_pickle(path)
-    try:
-        with safe_open(path, framework="pt") as file:
-            described = json.loads((file.metadata() or {}).get("architecture", "{}"))
-    except (SafetensorError, OSError, ValueError) as error:
-        raise WeightsError(f"{path} is truncated or not safetensors ({error}); allowed: a whole safetensors file") from error
-    found = described.get("format", "not described") if isinstance(described, dict) else "not described"
+    with _opened(path) as file:
+        described = json.loads((file.metadata() or {}).get("architecture", "null"))
+    found = described.get("format") if isinstance(described, dict) else None
     if found != form:
-        raise WeightsError(f"{path} holds weights of format {found!r}; allowed: {form!r}")
+        raise WeightsError(f"{path} holds weights of format {reprlib.repr(found)}; allowed: {form!r}")
     return dict(described)
+
+
+def difference(found: object, wanted: object) -> str:
+    """Say in which fields what a file holds differs from what it should, in words; empty if in none.
+
+    Args:
+        found: A tree as JSON gives it back.
+        wanted: A tree that JSON takes.
+    """
+    return "; ".join(islice(_differences(found, json.loads(json.dumps(wanted)), ""), 3))
+
+
+def _differences(found: object, wanted: object, path: str) -> Iterator[str]:
+    if isinstance(found, dict) and isinstance(wanted, dict):
+        for key in dict.fromkeys([*wanted, *found]):
+            yield from _differences(found.get(key), wanted.get(key), f"{path}.{key}".lstrip("."))
+    elif found != wanted:
+        yield f"{path or 'description'} is {reprlib.repr(found)}; allowed: {reprlib.repr(wanted)}"
 
 
 def refuse_pickle(path: Path) -> None:
@@ -122,6 +131,17 @@ def refuse_pickle(path: Path) -> None:
         raise WeightsError(f"{path} is a pickle (or torch archive), which could run code; allowed: safetensors")
 
 
-def _refuse_missing(path: Path) -> None:
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a file of weights; whatever is wrong with it while it is read becomes a `WeightsError`."""
     if not path.is_file():
         raise MissingFileError("weights", path, "give another path, or train them with `laploop train`")
+    try:
+        refuse_pickle(path)
+        with safe_open(path, framework="pt") as file:
+            yield file
+    except (SafetensorError, OSError, ValueError, RecursionError) as error:
+        if isinstance(error, WeightsError):
+            raise
+        reason = " ".join(str(error).split())
+        raise WeightsError(f"{path} is truncated or not safetensors ({reason}); allowed: a whole safetensors file") from error

@@ -52,9 +52,10 @@ def main(arguments: Sequence[str]) -> int:
     import torch  # slow to import
 
     from laploop.perception.inference.export import export_onnx, require_packages
-    from laploop.perception.inference.models import network_sizes, random_module, trained_module
+    from laploop.perception.inference.models import random_module, trained_module
+    from laploop.perception.network_specs import NETWORKS
 
-    network_sizes(chosen.model)
+    NETWORKS.check(chosen.model)
     require_packages("onnx", "onnxscript")
     rig = Rig.from_optics(ScopeOptics())
     with OutputFolder(chosen.out, "export") as folder:

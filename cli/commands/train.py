@@ -4,57 +4,78 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Generic, Literal, TypeVar
 
 import tyro
 
-from laploop.cli.commands.train_staged import STAGED_MODELS, last_epoch, train_staged
 from laploop.cli.console import ResultTable
-from laploop.cli.dataset import dataset_path
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
-from laploop.errors import OutputError, UnknownNameError
-from laploop.perception.networks.compact_unet import CompactConfig
-from laploop.perception.training import CHECKPOINT_NAME, LOG_NAME, CompactTraining, train_compact
+from laploop.configuration import Field
+from laploop.errors import InvalidValueError
+from laploop.perception.network_specs import NETWORKS
+from laploop.perception.training.options import TrainingOptions
+from laploop.perception.training.settings import Machine
+
+Options = TypeVar("Options", bound=TrainingOptions)
+_MODELS = "{" + ",".join(NETWORKS.names()) + "}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainArguments:
-    """Train a depth network; these are the options of `--model compact`, on a data set that `laploop synthesize` made.
+class TrainArguments(Generic[Options]):
+    """Train a depth network, on rendered frames or on collected pairs; `--model NAME --help` lists a network's options.
 
-    `--model ssle --help`, `--model dual-unet --help` and `--model ssle-phase --help` list those of the other models.
-
-    Writes the weights, a checkpoint and `log.csv` after every epoch, and `summary.json` at the end. When it was stopped, the
-    same command with `--resume` goes on where it was.
+    Writes the weights, a checkpoint and `log.csv` after every epoch, TensorBoard files, and `summary.json` at the end.
+    Networks that learn in stages have a folder for each but the last. When it was stopped, the same command with `--resume`
+    goes on after the last whole epoch.
     """
 
-    model: Literal["compact"] = "compact"
+    model: Annotated[str, tyro.conf.arg(metavar=_MODELS)] = "compact"
     """Which network."""
-    training: Annotated[CompactTraining, tyro.conf.arg(name="")] = field(default_factory=CompactTraining)
-    network: CompactConfig = field(default_factory=CompactConfig)
-    dataset: Path
-    """Folder that `laploop synthesize` wrote, or the data set in it."""
+    training: Annotated[Options, tyro.conf.arg(name="")]
+    dataset: tuple[Path, ...]
+    """Folder that `laploop synthesize` or `laploop collect` wrote, or the data set in it; several are learned together."""
     out: Path
     """Folder to write to; made where it does not exist."""
+    against: Literal["exact", "zivid"] = "exact"
+    """Which depth to learn: the simulator's, or that of the reference camera after calibration and reprojection."""
+    limit: Annotated[int, Field(ge=1)] | None = None
+    """Largest number of frames of a split."""
+    machine: Machine = field(default_factory=Machine)
     resume: bool = False
     """Go on from the checkpoint in the folder."""
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
-    if model_of(arguments) != "compact":
-        return train_staged(arguments)
-    chosen = parse(TrainArguments, arguments, "train")
-    dataset = dataset_path(chosen.dataset)
+    spec = NETWORKS.get(model_of(arguments))
+    if spec.options is None:
+        raise InvalidValueError("model", spec.name, "a network whose entry has a training")
+    kind: Any = TrainArguments
+    chosen: TrainArguments[TrainingOptions] = parse(kind[spec.options], arguments, "train")
+
+    from laploop.cli.dataset import dataset_path
+    from laploop.perception.data.datasets import open_dataset
+    from laploop.perception.data.joined_dataset import join
+    from laploop.perception.training.run import TrainingRun, last_epoch, train_network
+
+    dataset = join([open_dataset(dataset_path(path)) for path in chosen.dataset])
+    settings = spec.settings(chosen.training, height=dataset.optics.height, width=dataset.optics.width)
     with OutputFolder(chosen.out, "train") as folder:
-        if (folder.path / CHECKPOINT_NAME).exists() and not chosen.resume:
-            raise OutputError(f"{folder.path} holds a checkpoint; pass --resume to go on from it, or choose another --out")
-        folder.forget_summary()
-        weights = train_compact(dataset, folder.path, training=chosen.training, network=chosen.network, resume=chosen.resume)
-        last = last_epoch(folder.path / LOG_NAME)
-        results = {"weights": weights.name, **last}
+        run = TrainingRun(
+            dataset=dataset,
+            out=folder.path,
+            against=chosen.against,
+            machine=chosen.machine,
+            limit=chosen.limit,
+            resume=chosen.resume,
+            starting=folder.forget_summary,
+        )
+        weights = train_network(spec, run, settings)
+        last = last_epoch(folder.path)
+        results = {"weights": weights.name, "settings": settings, **last}
         folder.write_summary(results, config=chosen, seed=chosen.training.seed)
-    table = ResultTable("compact network")
+    table = ResultTable(chosen.model)
     for name, value in last.items():
         table.row(name.replace("_", " "), value)
     table.show(folder.path)
@@ -62,18 +83,11 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def model_of(arguments: Sequence[str]) -> str:
-    """Return which model is asked for, since the options depend on it; `compact` where none is.
-
-    Raises:
-        UnknownNameError: If there is no such model.
-    """
+    """Return the model that the arguments name, on which the options depend; `compact` where they name none."""
     name = "compact"
     for here, after in zip_longest(arguments, arguments[1:]):
         if here == "--model" and after is not None:
             name = after
         elif here.startswith("--model="):
             name = here.removeprefix("--model=")
-    models = ("compact", *STAGED_MODELS)
-    if name not in models:
-        raise UnknownNameError("model", name, models)
     return name

@@ -1,6 +1,6 @@
 """Depth estimators behind one contract, made by name."""
 
-from laploop.perception.estimators.base import DepthEstimator
-from laploop.perception.estimators.registry import ESTIMATOR_NAMES, estimator_names, make_estimator, register
+from laploop.perception.estimators.base import DepthEstimator, checked_estimate
+from laploop.perception.estimators.registry import ESTIMATORS, check_estimator, make_estimator
 
-__all__ = ["ESTIMATOR_NAMES", "DepthEstimator", "estimator_names", "make_estimator", "register"]
+__all__ = ["ESTIMATORS", "DepthEstimator", "check_estimator", "checked_estimate", "make_estimator"]

@@ -22,6 +22,41 @@ class DepthEstimator(Protocol):
         ...
 
 
+def checked_estimate(estimate: object, shape: tuple[int, int]) -> DepthEstimate:
+    """Check what an estimator returned, at the seam where a user's own may stand.
+
+    Args:
+        estimate: What `DepthEstimator.estimate` returned.
+        shape: (height, width) of the image it was given.
+
+    Returns:
+        The estimate; depth that is not finite becomes 0 where it is marked invalid.
+
+    Raises:
+        InvalidValueError: If it is no `DepthEstimate`, has another shape, or a valid depth is not finite and above 0.
+    """
+    if not isinstance(estimate, DepthEstimate):
+        found = "nothing" if estimate is None else _in_words(estimate)
+        raise InvalidValueError("estimate", found, f"a DepthEstimate with depth_mm and valid of shape {shape}")
+    depth_mm, valid = estimate.depth_mm, estimate.valid
+    if depth_mm.shape != shape:
+        raise InvalidValueError("shape of the estimate", depth_mm.shape, f"{shape}, that of the image")
+    finite = np.isfinite(depth_mm)
+    wrong = valid & ~(finite & (depth_mm > 0.0))
+    if wrong.any():
+        allowed = f"finite and above 0 where valid is True; {int(wrong.sum())} of {wrong.size} pixels are not"
+        raise InvalidValueError("depth_mm of the estimate", float(depth_mm[wrong][0]), allowed)
+    if finite.all():
+        return estimate
+    return DepthEstimate(depth_mm=np.where(finite, depth_mm, np.float32(0.0)), valid=valid)
+
+
+def _in_words(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return f"an array of {value.dtype}, shape {value.shape}"
+    return f"{type(value).__module__}.{type(value).__qualname__}".removeprefix("builtins.")
+
+
 def to_eight_bits(image: NDArray[np.uint16], bits: int = 12) -> NDArray[np.uint8]:
     """Round the grey values of a camera with more bits to those that estimators take.
 

@@ -7,6 +7,7 @@ by, as the literature on relative depth does (Ranftl et al., 2022); that is the 
 """
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ FARTHEST_MM = 250.0
 """Estimates end here: the upper end of the depth range of the paper's data set."""
 
 _EDGE_PERCENT = 2.0
-"""Share of the pixels at either end that the raw stretch clips, against single outliers."""
+"""Percentage of the pixels at either end that the raw stretch clips, against single outliers."""
 _UNUSED = ("fusion_stage.layers.0.residual_layer1.", "pooler.")
 """Weights that published checkpoints lack because the forward pass never uses them."""
 
@@ -79,8 +80,14 @@ class MonocularEstimator:
         self._size = _input_size(network.config)
 
     @classmethod
-    def from_pretrained(cls, rig: Rig, name: str, folder: Path | None = None, *, device: str = "cpu") -> "MonocularEstimator":
+    def from_pretrained(cls, rig: Rig, weights: Path | None = None, *, name: str, device: str = "cpu") -> "MonocularEstimator":
         """Load a network from a local folder, or from the hub's cache on this machine. Nothing is downloaded or unpickled.
+
+        Args:
+            rig: The rig whose images it will see.
+            weights: The folder.
+            name: One of `MODELS`.
+            device: `cpu` or a CUDA GPU.
 
         Raises:
             UnknownNameError: If `name` is none of `MODELS`.
@@ -97,9 +104,9 @@ class MonocularEstimator:
             raise MissingFileError(
                 "package transformers", "this Python environment", "run `pip install 'laploop[monocular]'`"
             ) from error
-        if folder is not None and not (Path(folder) / "config.json").is_file():
-            raise MissingFileError(f"model {name!r}", folder, "give a folder with config.json and model.safetensors")
-        source = model.hub_id if folder is None else str(folder)
+        if weights is not None and not (Path(weights) / "config.json").is_file():
+            raise MissingFileError(f"model {name!r}", weights, "give a folder with config.json and model.safetensors")
+        source = model.hub_id if weights is None else str(weights)
         try:
             config: Any = AutoConfig.from_pretrained(source, local_files_only=True)
             if config.model_type != model.model_type:
@@ -108,7 +115,7 @@ class MonocularEstimator:
                 source, config=config, local_files_only=True, use_safetensors=True, output_loading_info=True
             )
         except OSError as error:
-            where = f"the hub's cache ({source})" if folder is None else source
+            where = f"the hub's cache ({source})" if weights is None else source
             remedy = f"fetch it with `hf download {model.hub_id}`, or give a folder with config.json and model.safetensors"
             raise MissingFileError(f"model {name!r}", where, remedy) from error
         except (ValueError, KeyError, RuntimeError, SafetensorError) as error:
@@ -152,8 +159,12 @@ class MonocularEstimator:
         """Make depth of a prediction (H, W) without truth: its range becomes that of depth, linearly in inverse depth."""
         near_mm, far_mm = self._range_mm
         low, high = np.percentile(relative, (_EDGE_PERCENT, 100.0 - _EDGE_PERCENT))
-        share = np.clip((relative - low) / max(high - low, 1e-12), 0.0, 1.0)
-        return _estimate(1.0 / (1.0 / far_mm + share * (1.0 / near_mm - 1.0 / far_mm)))
+        nearness = np.clip((relative - low) / max(high - low, 1e-12), 0.0, 1.0)
+        return _estimate(1.0 / (1.0 / far_mm + nearness * (1.0 / near_mm - 1.0 / far_mm)))
+
+
+dpt = partial(MonocularEstimator.from_pretrained, name="dpt")
+depth_anything = partial(MonocularEstimator.from_pretrained, name="depth-anything")
 
 
 def fitted(relative: NDArray[np.float64], truth_mm: NDArray[np.float32], mask: NDArray[np.bool_]) -> DepthEstimate:

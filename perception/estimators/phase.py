@@ -1,61 +1,54 @@
 """Single-frame phase demodulation and triangulation: the classical method."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.configuration import Field, configuration
 from laploop.errors import InvalidValueError
 from laploop.perception.carrier import StripeCarrier, gaussian_matrix
 from laploop.perception.estimators.base import check_image
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate
 
+Millimetres = Annotated[float, Field(gt=0.0, le=10_000.0)]
 
-@dataclass(frozen=True, kw_only=True)
+
+@configuration
 class PhaseConfig:
     """How the phase is read and which of it is believed."""
 
-    nearest_mm: float = 60.0
+    nearest_mm: Millimetres = 60.0
     """Near end of the turn of phase that is taken to be the right one; the far end follows from the rig (195 mm)."""
-    farthest_mm: float = 160.0
-    """Depths beyond are called invalid; a turn later the tool, close to the scope, would look as far away as this."""
-    window_periods: float = 0.6
+    farthest_mm: Millimetres = 160.0
+    """Depths beyond are invalid; a turn later the tool, close to the scope, would look as far away as this."""
+    window_periods: Annotated[float, Field(gt=0.0, le=10.0)] = 0.6
     """Standard deviation of the Gaussian window along the stripes' x, in periods: about one is a fair default, less keeps
     slopes and edges sharp, more averages noise."""
-    support_px: float = 3.0
+    support_px: Annotated[float, Field(gt=0.0, le=100.0)] = 3.0
     """Standard deviation of the averaging across rows."""
-    min_amplitude: float = 3.0
+    min_amplitude: Annotated[float, Field(ge=0.0, le=255.0)] = 3.0
     """Least amplitude of the stripes, in grey values, above the camera's noise."""
-    min_contrast: float = 0.12
+    min_contrast: Annotated[float, Field(ge=0.0, le=1.0)] = 0.12
     """Least amplitude relative to the local mean."""
-    max_residual: float = 0.6
+    max_residual: Annotated[float, Field(gt=0.0, le=100.0)] = 0.6
     """Largest misfit of the fitted wave, root mean square relative to its amplitude."""
-    max_misfit_mm: float = 10.0
+    max_misfit_mm: Millimetres = 10.0
     """Largest misfit when it is read as an error of phase of a single pixel and triangulated; averaging over the window makes
     the estimate some ten times better. It grows with the square of depth, as the estimate's own error does."""
-    max_slope_mm: float = 1.0
+    max_slope_mm: Millimetres = 1.0
     """Largest step of depth between neighbouring pixels."""
-    margin_periods: float = 0.8
+    margin_periods: Annotated[float, Field(ge=0.0, le=100.0)] = 0.8
     """What is nearer to the left or right end of the image or of the lit field is invalid: the window hangs over."""
-    saturated: int = 253
+    saturated: Annotated[int, Field(ge=1, le=255)] = 253
     """Grey value from which a pixel counts as saturated."""
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        if not 0.0 < self.nearest_mm < self.farthest_mm:
+        """Check that the range of depth is one."""
+        if self.nearest_mm >= self.farthest_mm:
             raise InvalidValueError("nearest_mm and farthest_mm", (self.nearest_mm, self.farthest_mm), "0 < nearest < farthest")
-        for name in ("window_periods", "support_px", "max_residual", "max_misfit_mm", "max_slope_mm"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidValueError(name, getattr(self, name), "above 0")
-        if not self.margin_periods >= 0.0:
-            raise InvalidValueError("margin_periods", self.margin_periods, "0 or more")
-        if not 1 <= self.saturated <= 255:
-            raise InvalidValueError("saturated", self.saturated, "1 to 255")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,18 +65,16 @@ class Demodulation:
     """Misfit of the fitted wave relative to its amplitude, root mean square over the window."""
 
 
-@dataclass(kw_only=True)
 class PhaseEstimator:
     """Demodulates each row with a Gaussian-windowed carrier (a Gabor filter) and triangulates.
 
-    The window is symmetric, so a phase that is linear within it, which a tilted plane gives nearly, is read without bias.
+    The window is symmetric, so that a phase that is linear within it, as a tilted plane nearly gives, is read without bias.
     """
 
-    rig: Rig
-    config: PhaseConfig = field(default_factory=PhaseConfig)
-
-    def __post_init__(self) -> None:
+    def __init__(self, rig: Rig, config: PhaseConfig | None = None) -> None:
         """Prepare the filters."""
+        self.rig = rig
+        self.config = config or PhaseConfig()
         camera = self.rig.camera
         self._carrier = StripeCarrier(rig=self.rig)
         period = self._carrier.period_px

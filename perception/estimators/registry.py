@@ -1,113 +1,92 @@
-"""Estimators by name.
+"""Estimators by name. Each is imported when it is made, so that asking for `phase` never loads torch."""
 
-A factory imports what it needs when it is called, so that asking for `phase` never loads torch.
-"""
-
-from collections.abc import Callable
+import inspect
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from laploop.errors import InvalidValueError, UnknownNameError
+from laploop.errors import InvalidValueError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.geometry import Rig
+from laploop.perception.network_specs import SHIPPED, NetworkSpec
+from laploop.registry import Registry
 
-Factory = Callable[[Rig, Path | None], DepthEstimator]
+Factory = Callable[..., DepthEstimator]
+"""Called with the rig, with `weights` where the user names a file, and with the user's arguments by name; a class, say."""
 
+_ROOM = "laploop.perception.estimators"
 
-def _make_oracle(rig: Rig, weights: Path | None) -> DepthEstimator:
-    from laploop.perception.estimators.oracle import OracleEstimator
+ESTIMATORS: Registry[Factory | NetworkSpec] = Registry(
+    "estimator",
+    "laploop.estimators",
+    {
+        "oracle": f"{_ROOM}.oracle:OracleEstimator",
+        "phase": f"{_ROOM}.phase:PhaseEstimator",
+        **{spec.name: spec for spec in SHIPPED},
+    },
+)
+"""What a loop can close on."""
 
-    _refuse_weights("oracle", weights)
-    return OracleEstimator(rig)
-
-
-def _make_phase(rig: Rig, weights: Path | None) -> DepthEstimator:
-    from laploop.perception.estimators.phase import PhaseEstimator
-
-    _refuse_weights("phase", weights)
-    return PhaseEstimator(rig=rig)
-
-
-def _make_compact(rig: Rig, weights: Path | None) -> DepthEstimator:
-    from laploop.perception.estimators.compact import CompactEstimator
-
-    return CompactEstimator.from_weights(rig, weights)
-
-
-def _make_ssle_phase(rig: Rig, weights: Path | None) -> DepthEstimator:
-    from laploop.perception.estimators.ssle_phase import SslePhaseEstimator
-
-    return SslePhaseEstimator.from_weights(rig, weights)
+BASELINES: Registry[Factory] = Registry(
+    "baseline", "laploop.baselines", {"dpt": f"{_ROOM}.monocular:dpt", "depth-anything": f"{_ROOM}.monocular:depth_anything"}
+)
+"""For comparison alone: their depth is known up to a scale, which no loop can close on. Their weights are a folder."""
 
 
-def _make_ssle(rig: Rig, weights: Path | None) -> DepthEstimator:
-    from laploop.perception.estimators.ssle import SsleEstimator
-
-    return SsleEstimator.from_weights(rig, weights)
-
-
-def _make_dual_unet(rig: Rig, weights: Path | None) -> DepthEstimator:
-    from laploop.perception.estimators.dual_unet import DualUNetEstimator
-
-    return DualUNetEstimator.from_weights(rig, weights)
-
-
-def _make_monocular(name: str) -> Factory:
-    def make(rig: Rig, weights: Path | None) -> DepthEstimator:
-        from laploop.perception.estimators.monocular import MonocularEstimator
-
-        return MonocularEstimator.from_pretrained(rig, name, weights)
-
-    return make
-
-
-def _refuse_weights(name: str, weights: Path | None) -> None:
-    if weights is not None:
-        raise InvalidValueError("weights", str(weights), f"none: the estimator {name!r} has nothing to load")
-
-
-_FACTORIES: dict[str, Factory] = {
-    "oracle": _make_oracle,
-    "phase": _make_phase,
-    "compact": _make_compact,
-    "ssle-phase": _make_ssle_phase,
-    "ssle": _make_ssle,
-    "dual-unet": _make_dual_unet,
-}
-
-_BASELINES: dict[str, Factory] = {name: _make_monocular(name) for name in ("dpt", "depth-anything")}
-"""For comparison alone: what they say is depth up to a scale, which no loop can close on."""
-
-BASELINE_NAMES: tuple[str, ...] = tuple(_BASELINES)
-"""Public networks that laploop measures itself against; their weights are a folder."""
-
-ESTIMATOR_NAMES: tuple[str, ...] = tuple(_FACTORIES)
-"""The estimators that laploop brings, ready to run."""
-
-
-def estimator_names() -> tuple[str, ...]:
-    """Return every name that can be made now, the user's own included."""
-    return tuple(_FACTORIES)
-
-
-def register(name: str, factory: Factory) -> None:
-    """Add an estimator of the user's own under a new name.
+def check_estimator(name: str) -> None:
+    """Raise unless `make_estimator` knows the name, or it has the form `module:Class`; imports nothing.
 
     Raises:
-        InvalidValueError: If the name is taken or empty.
+        UnknownNameError: If it is neither.
     """
-    taken = {**_FACTORIES, **_BASELINES}
-    if not name or name in taken:
-        raise InvalidValueError("name of the estimator", name, f"not empty and none of {', '.join(sorted(taken))}")
-    _FACTORIES[name] = factory
+    if name not in BASELINES.names():
+        ESTIMATORS.check(name)
 
 
-def make_estimator(name: str, rig: Rig, weights: Path | None = None) -> DepthEstimator:
-    """Make an estimator by name; `weights` replaces the shipped ones where there are any.
+def make_estimator(
+    name: str, rig: Rig, weights: Path | None = None, arguments: Mapping[str, Any] | None = None
+) -> DepthEstimator:
+    """Make an estimator.
+
+    Args:
+        name: A registered name, or `module:Class` of a class that is called with the rig.
+        rig: The rig whose images it will see.
+        weights: Replaces the shipped weights where there are any.
+        arguments: Further arguments by name.
 
     Raises:
         UnknownNameError: If nobody registered the name.
+        InvalidValueError: If it cannot be imported, does not take the arguments, or makes no estimator.
+        MissingFileError: If the weights are not there.
+        WeightsError: If they are damaged, of another network, or not safetensors.
     """
-    factories = {**_FACTORIES, **_BASELINES}
-    if name not in factories:
-        raise UnknownNameError("estimator", name, factories)
-    return factories[name](rig, weights)
+    check_estimator(name)
+    entry = BASELINES.get(name) if name in BASELINES.names() else ESTIMATORS.get(name)
+    given = dict(arguments or {})
+    if isinstance(entry, NetworkSpec):
+        from laploop.perception.inference.models import load_network
+
+        factory: Factory = partial(entry.imported(entry.estimator), network=load_network(entry, rig, weights))
+    else:
+        factory = entry
+        given |= {} if weights is None else {"weights": Path(weights)}
+    _check_arguments(name, factory, rig, given)
+    made = factory(rig, **given)
+    if not isinstance(made, DepthEstimator):
+        raise InvalidValueError(
+            "estimator", name, f"what makes an object with estimate(image); it made a {type(made).__name__}"
+        )
+    return made
+
+
+def _check_arguments(name: str, factory: Factory, rig: Rig, given: Mapping[str, Any]) -> None:
+    if not callable(factory):
+        raise InvalidValueError("estimator", name, f"a class or another callable, not a {type(factory).__name__}")
+    signature = "(...)"
+    try:
+        signature = str(inspect.signature(factory))
+        inspect.signature(factory).bind(rig, **given)
+    except (TypeError, ValueError) as error:
+        allowed = f"those of {name}{signature}: {error}"
+        raise InvalidValueError(f"arguments of the estimator {name!r}", ["rig", *given], allowed) from error

@@ -8,7 +8,8 @@ The network works in turns of phase, `b / (tau Z)`; nothing in the learned part 
 position of the stripes.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from typing import Self
 
 import torch
 from torch import Tensor, nn
@@ -18,9 +19,8 @@ from laploop.errors import InvalidValueError
 from laploop.perception.carrier import StripeCarrier, gaussian_matrix
 from laploop.perception.geometry import Rig
 from laploop.perception.networks.additive_unet import AdditiveUNet
-
-FORMAT = "laploop-compact-2"
-"""Changes whenever the same weights would mean something else."""
+from laploop.perception.networks.configs import CompactConfig
+from laploop.perception.networks.depth_network import DepthNetwork
 
 _NEAREST_M = 0.057
 """Near end of the turn in which the classical phase is given to the network; with the nominal rig it ends at 167 mm."""
@@ -30,32 +30,6 @@ _DEPTH_RANGE_M = (0.0145, 0.289)
 
 _OUTPUTS = 4
 """Maps at full size: correction, gate, free estimate, logarithm of the scale."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CompactConfig:
-    """Sizes of the network."""
-
-    widths: tuple[int, ...] = (32, 48, 64, 96, 128)
-    """Channels of each level, from half the image's size down by powers of two."""
-    windows: tuple[tuple[float, float], ...] = ((0.6, 2.0), (0.35, 1.0))
-    """Demodulation windows: standard deviation along x in periods and along y in pixels. The first is the base."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If there are too few levels or windows.
-        """
-        if len(self.widths) < 2 or min(self.widths) < 4:
-            raise InvalidValueError("widths", self.widths, "two levels or more, each of at least 4 channels")
-        if not self.windows or min(min(window) for window in self.windows) <= 0.0:
-            raise InvalidValueError("windows", self.windows, "one or more pairs above 0")
-
-    @property
-    def architecture(self) -> dict[str, object]:
-        """What decides whether weights fit, as plain data."""
-        return {"format": FORMAT, **asdict(self)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -130,13 +104,18 @@ class StripeFrontEnd(nn.Module):
         return torch.cat(features, dim=1), base
 
 
-class CompactUNet(nn.Module):
+class CompactUNet(DepthNetwork):
     """The whole network: front end, U-Net, and the head that blends physics and a free estimate."""
+
+    @classmethod
+    def for_rig(cls, rig: Rig, config: CompactConfig) -> Self:
+        """Make the network; the rig is built into its front end."""
+        return cls(rig, config)
 
     def __init__(self, rig: Rig, config: CompactConfig) -> None:
         """Make the network with random weights from torch's global generator."""
         super().__init__()
-        self.config = config
+        self.config: CompactConfig = config
         self.turns_metre = StripeCarrier(rig=rig).turns_metre
         self.front = StripeFrontEnd(rig, config)
         self.trunk = AdditiveUNet(self.front.channels, config.widths)

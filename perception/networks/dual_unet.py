@@ -5,69 +5,15 @@ depth map. Sizes, losses and resolution are not known to us; the U-Nets here are
 64 to 512 channels, at full image size, and DepthNet ends in a sigmoid over the depth range.
 """
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from laploop.errors import InvalidValueError, UnknownNameError
-from laploop.perception.networks.latent_unet import LatentUNet, LatentUNetConfig
+from laploop.perception.networks.configs import DualUNetConfig
+from laploop.perception.networks.depth_network import DepthNetwork
+from laploop.perception.networks.latent_unet import LatentUNet
 from laploop.perception.networks.vq_vae import image_to_unit
-
-FORMAT = "laploop-dual-unet-1"
-"""Changes whenever the same weights would mean something else."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DualUNetConfig:
-    """Sizes of the two networks; the defaults are those of a usual U-Net, 31 M parameters in all."""
-
-    mask: LatentUNetConfig = field(default_factory=lambda: LatentUNetConfig(base=64))
-    depth: LatentUNetConfig = field(default_factory=lambda: LatentUNetConfig(base=64))
-    farthest_mm: float = 250.0
-    """The depth network's sigmoid ends there; it starts at 0."""
-    height: int = 256
-    width: int = 256
-
-    def __post_init__(self) -> None:
-        """Check that the image divides.
-
-        Raises:
-            InvalidValueError: If it does not, or the range is empty.
-        """
-        if not self.farthest_mm > 0.0:
-            raise InvalidValueError("farthest_mm", self.farthest_mm, "above 0 mm")
-        step = max(self.mask.shrink, self.depth.shrink)
-        if self.height % step or self.width % step or min(self.height, self.width) < step:
-            raise InvalidValueError("image (height, width)", (self.height, self.width), f"multiples of {step}")
-
-    @classmethod
-    def named(cls, size: str, *, height: int = 256, width: int = 256) -> "DualUNetConfig":
-        """Return a size by name: `paper`, `small` for one CPU core, `tiny` for tests.
-
-        Raises:
-            UnknownNameError: If there is no such size.
-        """
-        if size not in _SIZES:
-            raise UnknownNameError("size of dual-unet", size, _SIZES)
-        mask, depth = _SIZES[size]
-        return cls(mask=mask, depth=depth, height=height, width=width)
-
-    @property
-    def architecture(self) -> dict[str, object]:
-        """What decides whether weights fit, as plain data."""
-        return {"format": FORMAT, **asdict(self)}
-
-
-_SIZES = {
-    "paper": (LatentUNetConfig(base=64), LatentUNetConfig(base=64)),
-    # Below 16 channels at full size a CPU gains next to no time; six levels reach across the whole image.
-    "small": (
-        LatentUNetConfig(base=8, multipliers=(1, 2, 4, 4)),
-        LatentUNetConfig(base=16, multipliers=(1, 2, 4, 6, 8, 8)),
-    ),
-    "tiny": (LatentUNetConfig(base=4, multipliers=(1, 2)), LatentUNetConfig(base=8, multipliers=(1, 2, 4))),
-}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,13 +29,13 @@ class DualUNetOutput:
     """What MaskNet says, before its sigmoid."""
 
 
-class DualUNet(nn.Module):
+class DualUNet(DepthNetwork):
     """MaskNet and DepthNet side by side."""
 
     def __init__(self, config: DualUNetConfig) -> None:
         """Make the networks with random weights from torch's global generator."""
         super().__init__()
-        self.config = config
+        self.config: DualUNetConfig = config
         self.mask_net = LatentUNet(1, 1, config.mask)
         self.depth_net = LatentUNet(1, 1, config.depth)
 

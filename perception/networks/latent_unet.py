@@ -10,45 +10,13 @@ with d0 the finest decoder map, d_k the coarser ones, H_k a 1x1 convolution to d
 output projection. The H_k start at zero, so that training starts from the plain U-Net.
 """
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from laploop.errors import InvalidValueError
-
-
-@dataclass(frozen=True, kw_only=True)
-class LatentUNetConfig:
-    """Sizes of the U-Net."""
-
-    base: int = 128
-    """Channels of the finest level."""
-    multipliers: tuple[int, ...] = (1, 2, 4, 8, 8)
-    """Width of each level in units of the base, the bottleneck last; the paper's are 128, 256, 512, 1024 and 1024."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If there are too few levels or a width is too small.
-        """
-        if self.base < 4:
-            raise InvalidValueError("base", self.base, "4 or more")
-        if len(self.multipliers) < 2 or min(self.multipliers) < 1:
-            raise InvalidValueError("multipliers", self.multipliers, "two or more, each 1 or more")
-
-    @property
-    def widths(self) -> tuple[int, ...]:
-        """Channels of each encoder level, finest first, the bottleneck last."""
-        return tuple(self.base * factor for factor in self.multipliers)
-
-    @property
-    def shrink(self) -> int:
-        """Sides of the latent must be multiples of this."""
-        return int(2 ** (len(self.multipliers) - 1))
+from laploop.perception.networks.configs import LatentUNetConfig
 
 
 def _pair(inputs: int, between: int, outputs: int) -> nn.Sequential:

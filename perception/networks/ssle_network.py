@@ -10,92 +10,22 @@ Choices where the paper's text is open, beside those told in `vq_vae` and `laten
 - Encoder, codebooks and decoder stay as pretrained while the U-Net learns; the training can free the decoder.
 """
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
-from laploop.errors import InvalidValueError, UnknownNameError
-from laploop.perception.networks.latent_unet import LatentUNet, LatentUNetConfig
+from laploop.perception.networks.configs import SsleConfig
+from laploop.perception.networks.depth_network import DepthNetwork
+from laploop.perception.networks.latent_unet import LatentUNet
 from laploop.perception.networks.vector_quantizer import VectorQuantizer
 from laploop.perception.networks.vq_vae import (
     Decoder,
     Encoder,
     VqVae,
-    VqVaeConfig,
     image_to_unit,
     unit_to_depth,
 )
-
-FORMAT = "laploop-ssle-1"
-"""Changes whenever the same weights would mean something else."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SsleConfig:
-    """Sizes of the network; the defaults are the paper's."""
-
-    image: VqVaeConfig = field(default_factory=VqVaeConfig)
-    depth: VqVaeConfig = field(default_factory=lambda: VqVaeConfig(entries=1024))
-    unet: LatentUNetConfig = field(default_factory=LatentUNetConfig)
-    farthest_mm: float = 250.0
-    """The tanh's range ends there; it starts at 0."""
-    quantize_depth: bool = False
-    """Replace the predicted latent by codebook entries before the decoder."""
-    height: int = 256
-    width: int = 256
-
-    def __post_init__(self) -> None:
-        """Check that the parts fit together.
-
-        Raises:
-            InvalidValueError: If the latents differ in size or the image does not divide.
-        """
-        if self.image.shrink != self.depth.shrink:
-            shrinks = (self.image.shrink, self.depth.shrink)
-            raise InvalidValueError("pixels a latent pixel of image and depth", shrinks, "the same for both")
-        if not self.farthest_mm > 0.0:
-            raise InvalidValueError("farthest_mm", self.farthest_mm, "above 0 mm")
-        step = self.image.shrink * self.unet.shrink
-        if self.height % step or self.width % step or min(self.height, self.width) < step:
-            raise InvalidValueError("image (height, width)", (self.height, self.width), f"multiples of {step}")
-
-    @classmethod
-    def named(cls, size: str, *, height: int = 256, width: int = 256) -> "SsleConfig":
-        """Return a size by name: `paper`, `small` for one CPU core, `tiny` for tests.
-
-        Raises:
-            UnknownNameError: If there is no such size.
-        """
-        if size not in _SIZES:
-            raise UnknownNameError("size of ssle", size, _SIZES)
-        image, depth, unet = _SIZES[size]
-        return cls(image=image, depth=depth, unet=unet, height=height, width=width)
-
-    @property
-    def architecture(self) -> dict[str, object]:
-        """What decides whether weights fit, as plain data."""
-        return {"format": FORMAT, **asdict(self)}
-
-
-_SIZES = {
-    "paper": (VqVaeConfig(), VqVaeConfig(entries=1024), LatentUNetConfig()),
-    # All at a quarter of the image's size, where a frame costs one CPU core a few hundredths of a second; 16 numbers a latent,
-    # since a codebook of 1024 spans no more.
-    "small": (
-        VqVaeConfig(fold=4, base=32, multipliers=(1,), blocks=1, attention=False, latent=16, entries=1024),
-        VqVaeConfig(fold=4, base=24, multipliers=(1,), blocks=1, attention=False, latent=16, entries=1024),
-        LatentUNetConfig(base=32, multipliers=(1, 2, 4, 4, 4)),
-    ),
-    "tiny": (
-        VqVaeConfig(base=8, multipliers=(1, 2), blocks=1, attention=False, latent=8, entries=64),
-        VqVaeConfig(base=8, multipliers=(1, 2), blocks=1, attention=False, latent=8, entries=64),
-        LatentUNetConfig(base=16, multipliers=(1, 2, 2)),
-    ),
-}
-
-SSLE_SIZES: tuple[str, ...] = tuple(_SIZES)
-"""Names of the sizes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,13 +38,13 @@ class SsleOutput:
     """(B, d, h, w), the predicted standardised depth latent."""
 
 
-class SsleNetwork(nn.Module):
+class SsleNetwork(DepthNetwork):
     """The network that is run; what only training needs of the VQ-VAEs is not in it, but for the depth codebook."""
 
     def __init__(self, config: SsleConfig) -> None:
         """Make the network with random weights from torch's global generator."""
         super().__init__()
-        self.config = config
+        self.config: SsleConfig = config
         image, depth = config.image, config.depth
         self.encoder = Encoder(image)
         self.quantizer = VectorQuantizer(image.entries, image.latent, restart_after=image.restart_after)

@@ -5,57 +5,17 @@ reading and corrects it (`PhaseRefiner`). Depth follows by triangulation, `Z = b
 loss in millimetres trains all of it. The rig is an input: one network serves every regular stripe mask, baseline and lens.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
-from laploop.errors import InvalidValueError
+from laploop.perception.geometry import Rig
+from laploop.perception.networks.configs import SslePhaseConfig
+from laploop.perception.networks.depth_network import DepthNetwork
 from laploop.perception.networks.ssle_phase_front import PhaseFeatures, PhaseFilters, PhaseFrontEnd, RigBatch
 from laploop.perception.networks.ssle_phase_reader import PhaseReader
 from laploop.perception.networks.ssle_phase_refiner import PhaseRefiner
-
-FORMAT = "laploop-ssle-phase-2"
-"""Changes whenever the same weights would mean something else."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SslePhaseConfig:
-    """Sizes of the network."""
-
-    height: int = 256
-    width: int = 256
-    windows: tuple[tuple[float, float], ...] = ((0.6, 2.0), (0.35, 1.0), (1.0, 5.0))
-    """Demodulation windows: standard deviation along x in periods and along y in pixels. The first gives the phase."""
-    reader_widths: tuple[int, ...] = (32, 48, 64, 96, 128)
-    """Channels of each level of the reader, from half the image's size down by powers of two."""
-    reader_fine_width: int = 32
-    """Channels that read the second demodulation."""
-    refiner_widths: tuple[int, ...] = (48, 64, 96, 128, 160)
-    """Channels of each level of the refiner."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If there are too few levels or windows, or the image cannot be halved often enough.
-        """
-        for name in ("reader_widths", "refiner_widths"):
-            widths = getattr(self, name)
-            if len(widths) < 2 or min(widths) < 4:
-                raise InvalidValueError(name, widths, "two levels or more, each of at least 4 channels")
-        if not self.windows or min(min(window) for window in self.windows) <= 0.0:
-            raise InvalidValueError("windows", self.windows, "one or more pairs above 0")
-        if self.reader_fine_width < 4:
-            raise InvalidValueError("reader_fine_width", self.reader_fine_width, "at least 4 channels")
-        multiple = max(2 ** max(len(self.reader_widths), len(self.refiner_widths)), 16)
-        if min(self.height, self.width) < multiple or self.height % multiple or self.width % multiple:
-            raise InvalidValueError("image (height, width)", (self.height, self.width), f"multiples of {multiple}")
-
-    @property
-    def architecture(self) -> dict[str, object]:
-        """What decides whether weights fit, as plain data."""
-        return {"format": FORMAT, **asdict(self)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,16 +29,21 @@ class SslePhaseOutput:
     """Natural logarithm of the scale in millimetres of a Laplace distribution around `depth_mm`."""
 
 
-class SslePhase(nn.Module):
+class SslePhase(DepthNetwork):
     """Front end, reader, refiner, and triangulation."""
 
     def __init__(self, config: SslePhaseConfig) -> None:
         """Make the network with random weights from torch's global generator."""
         super().__init__()
-        self.config = config
+        self.config: SslePhaseConfig = config
         self.front = PhaseFrontEnd((config.height, config.width), config.windows)
         self.reader = PhaseReader(self.front, config.reader_widths, config.reader_fine_width)
         self.refiner = PhaseRefiner(self.front, config.refiner_widths)
+
+    def context(self, rig: Rig) -> PhaseFilters:
+        """Return what depends on a rig alone, on the network's device."""
+        device = next(self.parameters()).device
+        return self.prepare(RigBatch(values=RigBatch.from_rigs([rig]).values.to(device)))
 
     def prepare(self, rigs: RigBatch) -> PhaseFilters:
         """Compute what depends on the rigs alone, for `forward`; worth keeping where the rig stays."""

@@ -13,62 +13,13 @@ Where the paper's text leaves a choice:
 - "Mirrors" is read as: two residual blocks a level in the decoder as well, where the reference framework has three.
 """
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from laploop.errors import InvalidValueError
+from laploop.perception.networks.configs import VqVaeConfig
 from laploop.perception.networks.residual_blocks import ResidualBlock, group_norm, middle
 from laploop.perception.networks.vector_quantizer import Quantized, VectorQuantizer
-
-
-@dataclass(frozen=True, kw_only=True)
-class VqVaeConfig:
-    """Sizes of one VQ-VAE."""
-
-    fold: int = 1
-    """Squares of so many pixels a side become channels before the first layer, and pixels again after the last; 1 leaves the
-    image as it is. Not in the paper: it saves the layers at full size, which cost a CPU most of its time."""
-    base: int = 64
-    """Channels of the first level."""
-    multipliers: tuple[int, ...] = (1, 2)
-    """Width of each level in units of the base; every level but the first has half the size of the one before."""
-    blocks: int = 2
-    """Residual blocks a level."""
-    attention: bool = True
-    """Self-attention at the coarsest level."""
-    latent: int = 64
-    """Numbers in a latent vector and in a codebook entry."""
-    entries: int = 512
-    """Entries of the codebook."""
-    restart_after: int = 64
-    """Training batches without use after which an entry is moved; 0 for never."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a size is too small.
-        """
-        if self.base < 4:
-            raise InvalidValueError("base", self.base, "4 or more")
-        if not self.multipliers or min(self.multipliers) < 1:
-            raise InvalidValueError("multipliers", self.multipliers, "one or more, each 1 or more")
-        for name in ("fold", "blocks", "latent"):
-            if getattr(self, name) < 1:
-                raise InvalidValueError(name, getattr(self, name), "1 or more")
-
-    @property
-    def shrink(self) -> int:
-        """Image pixels along one side of a latent pixel."""
-        return int(self.fold * 2 ** (len(self.multipliers) - 1))
-
-    @property
-    def widths(self) -> tuple[int, ...]:
-        """Channels of each level."""
-        return tuple(self.base * factor for factor in self.multipliers)
 
 
 class Downsample(nn.Module):

@@ -62,11 +62,14 @@ class SafetensorsCheckpointIO(CheckpointIO):
                 tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
             if metadata.get("kind") != _KIND:
                 raise WeightsError(f"{source} is of kind {metadata.get('kind')!r}; allowed: {_KIND!r}")
-            decoded: dict[str, Any] = _decode(json.loads(metadata["tree"]), tensors)
-        except (SafetensorError, OSError, ValueError, KeyError, TypeError, IndexError) as error:
+            decoded = _decode(json.loads(metadata["tree"]), tensors)
+        except (SafetensorError, OSError, ValueError, KeyError, TypeError, IndexError, RecursionError) as error:
             if isinstance(error, WeightsError):
                 raise
-            raise WeightsError(f"{source} is truncated or damaged ({error}); allowed: a whole checkpoint") from error
+            reason = " ".join(str(error).split())
+            raise WeightsError(f"{source} is truncated or damaged ({reason}); allowed: a whole checkpoint") from error
+        if not isinstance(decoded, dict):
+            raise WeightsError(f"{source} holds a {type(decoded).__name__}; allowed: a whole checkpoint")
         return decoded
 
     def remove_checkpoint(self, path: str | Path) -> None:

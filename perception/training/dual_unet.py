@@ -1,64 +1,19 @@
 """Training of the prior method, MaskNet times DepthNet."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Unpack
 
 import numpy as np
 import torch
 from torch.nn import functional
 
-from laploop.errors import InvalidValueError, UnknownNameError
-from laploop.perception.data.datasets import DepthDataset
-from laploop.perception.networks.dual_unet import DualUNet, DualUNetConfig
+from laploop.configuration import to_plain
+from laploop.perception.networks.configs import DualUNetConfig
+from laploop.perception.networks.dual_unet import DualUNet
 from laploop.perception.training.losses import masked_l1, masked_mean
-from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, Schedule, flip_and_gain, seeded
-from laploop.perception.training.single_stage import TrainingOptions, train_single_stage
-
-
-@dataclass(frozen=True, kw_only=True)
-class DualUNetTraining:
-    """The schedule; the publication is not open to us, so that the defaults are those of the newer method's U-Net."""
-
-    schedule: Schedule = field(default_factory=lambda: Schedule(epochs=161, learning_rate=1e-3, final_learning_rate=1e-6))
-    mask_weight: float = 0.1
-    """Weight of MaskNet's cross-entropy beside DepthNet's errors, which are in units of the depth range."""
-    square_weight: float = 1.0
-    """Weight of the mean square error beside the mean absolute one."""
-    gain_range: float = 0.0
-    """As in `SsleTraining`."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a weight is negative.
-        """
-        for name in ("mask_weight", "square_weight", "gain_range"):
-            if not getattr(self, name) >= 0.0:
-                raise InvalidValueError(name, getattr(self, name), "0 or more")
-
-    @classmethod
-    def named(cls, size: str) -> "DualUNetTraining":
-        """Return the schedule for a named size of the network.
-
-        Raises:
-            UnknownNameError: If there is no such size.
-        """
-        if size not in _TRAININGS:
-            raise UnknownNameError("size of dual-unet", size, _TRAININGS)
-        return _TRAININGS[size]
-
-
-_TRAININGS = {
-    "paper": DualUNetTraining(),
-    "small": DualUNetTraining(
-        schedule=Schedule(epochs=22, learning_rate=2e-3, per_step=True, warmup_steps=50, clip_norm=5.0, bfloat16=True),
-        gain_range=0.15,
-    ),
-    "tiny": DualUNetTraining(schedule=Schedule(epochs=2, batch=2, learning_rate=2e-3)),
-}
+from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, flip_and_gain, seeded
+from laploop.perception.training.run import TrainingRun
+from laploop.perception.training.settings import DualUNetTraining
 
 
 class DualUNetRecipe(Recipe):
@@ -73,6 +28,7 @@ class DualUNetRecipe(Recipe):
     def __init__(self, config: DualUNetConfig, training: DualUNetTraining) -> None:
         """Make the networks with random weights that depend on the seed alone."""
         self.schedule = training.schedule
+        self.settings = {name: value for name, value in to_plain(training).items() if name != "schedule"}
         self._training = training
         self.dual = seeded(lambda: DualUNet(config), training.schedule.seed)
         self.network = self.dual
@@ -100,15 +56,13 @@ class DualUNetRecipe(Recipe):
         return Loss(total=total, parts={"mae_mm": l1, "square": square, "mask": masking})
 
     def predict(self, batch: Batch) -> Prediction:
-        """Return the product, valid where MaskNet says tissue."""
+        """Return the product, valid where MaskNet sees tissue."""
         with self.autocast(batch["image"].device):
             output = self.dual(batch["image"])
         return Prediction(depth_mm=output.depth_mm, valid=output.mask_logit > 0.0)
 
 
-def train_dual_unet(
-    dataset: DepthDataset, out: Path, *, config: DualUNetConfig, training: DualUNetTraining, **options: Unpack[TrainingOptions]
-) -> Path:
-    """Train and return the path of the weights in `out`; options and errors as for `train_single_stage`."""
-    size = (config.height, config.width)
-    return train_single_stage(dataset, out, lambda: DualUNetRecipe(config, training), size=size, **options)
+def train_dual_unet(run: TrainingRun, *, config: DualUNetConfig, training: DualUNetTraining) -> Path:
+    """Train and return the path of the weights."""
+    recipe = DualUNetRecipe(config, training)
+    return run.fit(recipe, run.read(recipe))

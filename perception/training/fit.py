@@ -2,22 +2,25 @@
 
 import logging
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import torch
 
+from laploop.configuration import to_plain
 from laploop.errors import InvalidValueError, OutputError, WeightsError
 from laploop.perception.training.recipe import Recipe
 from laploop.perception.training.samples import Samples
-from laploop.perception.weights import architecture_hash
+from laploop.perception.training.settings import Machine
+from laploop.perception.weights import architecture_hash, difference
 
 if TYPE_CHECKING:
     import lightning.pytorch as pl
+
+CHECKPOINT_NAME = "checkpoint.safetensors"
 
 _HARMLESS = (
     r".*does not have many workers.*",
@@ -28,39 +31,7 @@ _HARMLESS = (
     r".*treespec.*",
     r".*srun.*",
 )
-"""What Lightning warns of though it is meant: the frames are in memory, the CPU was asked for, few batches an epoch."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Machine:
-    """Where to train; handed to Lightning as it is."""
-
-    accelerator: str = "auto"
-    """`cpu`, `gpu`, `auto`."""
-    devices: int = 1
-    """Processes on each node, one a device."""
-    nodes: int = 1
-    strategy: str = "auto"
-    """`ddp`, for example; `auto` picks it where there are several processes."""
-    workers: int = 0
-    """Processes that load frames; 0 loads them in the training process, fastest where the augmentation is cheap."""
-    tensorboard: bool = True
-    """Write TensorBoard's event files as well as the CSV log."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a number is too small.
-        """
-        for name, least in (("devices", 1), ("nodes", 1), ("workers", 0)):
-            if getattr(self, name) < least:
-                raise InvalidValueError(name, getattr(self, name), f"{least} or more")
-
-    @property
-    def processes(self) -> int:
-        """How many train together."""
-        return self.devices * self.nodes
+"""What Lightning warns of although it is intended: the frames are in memory, the CPU is chosen, an epoch has few batches."""
 
 
 def require_lightning() -> None:
@@ -82,6 +53,7 @@ def fit(
     machine: Machine | None = None,
     resume: bool = False,
     progress: bool = True,
+    starting: Callable[[], None] = lambda: None,
 ) -> Path:
     """Train a recipe and return the path of its weights in the folder `out`.
 
@@ -94,31 +66,39 @@ def fit(
         val: Frames to measure the error on after every epoch.
         out: Folder to write to.
         machine: Devices and processes.
-        resume: Go on from the checkpoint in the folder, if there is one.
+        resume: Go on from the checkpoint in the folder, if there is one. The number of epochs may be another one.
         progress: Show a bar on the standard error stream.
+        starting: Called once everything is checked, before something is written.
 
     Raises:
-        InvalidValueError: If Lightning is not installed.
+        InvalidValueError: If Lightning is not installed, or does not have the machine.
         OutputError: If the folder cannot be written, or holds a checkpoint and `resume` is off.
-        WeightsError: If the checkpoint is damaged or of another network.
+        WeightsError: If the checkpoint is damaged, or of a training with other options or frames.
     """
     require_lightning()
+    from lightning.fabric.utilities.exceptions import MisconfigurationException
     from lightning.pytorch.utilities.exceptions import SIGTERMException
 
-    from laploop.perception.training.stage_module import CHECKPOINT_NAME, EpochWriter, StageModule
+    from laploop.perception.training.stage_module import EpochWriter, StageModule
 
     where = machine or Machine()
     checkpoint = out / CHECKPOINT_NAME
     check_fresh(checkpoint, resume=resume)
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write to {out}: {error}") from error
-    if checkpoint.exists() and not _unfinished(recipe, checkpoint):
+    described = _identity(recipe, train, val)
+    if checkpoint.exists() and not _unfinished(recipe, checkpoint, described):
         return out / f"{recipe.name}.safetensors"
     with _quiet(), torch.random.fork_rng(devices=[]):
-        trainer = _trainer(recipe, out, where, EpochWriter(recipe, out, progress=progress))
-        module = StageModule(recipe, train, val, workers=where.workers, processes=where.processes)
+        try:
+            trainer = _trainer(recipe, out, where, EpochWriter(recipe, out, progress=progress))
+        except (MisconfigurationException, ValueError, RuntimeError) as error:
+            reason = " ".join(str(error).split())
+            raise InvalidValueError("machine", to_plain(where), f"what Lightning has here: {reason}") from error
+        starting()
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OutputError(f"cannot write to {out}: {error}") from error
+        module = StageModule(recipe, train, val, identity=described, workers=where.workers, processes=where.processes)
         try:
             trainer.fit(module, ckpt_path=checkpoint if checkpoint.exists() else None)
         except SIGTERMException as error:
@@ -138,16 +118,33 @@ def check_fresh(checkpoint: Path, *, resume: bool) -> None:
         raise OutputError(f"{checkpoint} exists; pass resume to go on from it, or give another folder")
 
 
-def _unfinished(recipe: Recipe, checkpoint: Path) -> bool:
-    """Return whether there are epochs left to do, after a check that the checkpoint is the recipe's."""
+def _identity(recipe: Recipe, train: Samples, val: Samples) -> dict[str, object]:
+    """Return all that decides the result of a training but its length, as plain data: a checkpoint is resumed by no other."""
+    schedule = to_plain(recipe.schedule)
+    del schedule["epochs"]
+    return {
+        "architecture": dict(recipe.architecture),
+        **schedule,
+        **recipe.settings,
+        "content of the training frames": train.fingerprint,
+        "content of the validation frames": val.fingerprint,
+        "hash of the architecture": architecture_hash(recipe.architecture, recipe.network.state_dict()),
+    }
+
+
+def _unfinished(recipe: Recipe, checkpoint: Path, described: dict[str, object]) -> bool:
+    """Return whether there are epochs left to do, after a check that the checkpoint is of the training described."""
     from laploop.perception.training.checkpoint_io import SafetensorsCheckpointIO
 
     content = SafetensorsCheckpointIO().load_checkpoint(checkpoint)
-    wanted = architecture_hash(recipe.architecture, recipe.network.state_dict())
-    if content.get("architecture") != wanted:
-        raise WeightsError(f"{checkpoint} is of architecture {content.get('architecture')}; allowed: {wanted}")
+    changed = difference(content.get("identity"), described)
+    if changed:
+        raise WeightsError(f"{checkpoint} is of another training: its {changed}; resume with its own options and data")
+    epoch = content.get("epoch")
+    if not isinstance(epoch, int):
+        raise WeightsError(f"the epoch of {checkpoint} is {epoch!r}; allowed: an integer")
     # Lightning counts from 0 and saves before it counts on.
-    return int(content["epoch"]) + 1 < recipe.schedule.epochs
+    return epoch + 1 < recipe.schedule.epochs
 
 
 def _trainer(recipe: Recipe, out: Path, machine: Machine, writer: "pl.Callback") -> "pl.Trainer":

@@ -83,7 +83,7 @@ def spatial_loss(
 
 
 def linear_ramp(start: float, end: float, progress: float) -> float:
-    """Return the value at a share of the training (0 to 1) of a weight that goes from `start` to `end` in a line."""
+    """Return a weight that goes linearly from `start` to `end` over the training, at a fraction of it (0 to 1)."""
     return start + (end - start) * min(1.0, max(0.0, progress))
 
 

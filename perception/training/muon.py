@@ -1,4 +1,4 @@
-"""An optimiser for convolutional networks: orthogonalised momentum for kernels, AdamW for everything else.
+"""An optimiser for convolutional networks: orthogonalised momentum for kernels, torch's AdamW for everything else.
 
 The momentum of a kernel, as a matrix of outputs by inputs, is replaced by the nearest matrix with equal singular values, so
 that directions that seldom show in the gradient are learned as fast as the others: Muon (K. Jordan and others, 2024), found
@@ -17,12 +17,12 @@ from laploop.errors import InvalidValueError
 
 _MOMENTUM = 0.95
 _ADAM_SIZE = 0.2
-"""Root mean square of an update of Adam's, as a share of the learning rate."""
+"""Root mean square of an update of Adam's, in units of the learning rate."""
 _QUINTIC = (3.4445, -4.7750, 2.0315)
 """Of the iteration X <- a X + b (X X') X + c (X X')^2 X, which brings singular values from 0..1 near 1 in five steps."""
 
 
-class Muon(torch.optim.Optimizer):
+class Muon(torch.optim.AdamW):
     """Steps of kernels by orthogonalised momentum, of vectors and of chosen layers by AdamW."""
 
     def __init__(
@@ -51,41 +51,34 @@ class Muon(torch.optim.Optimizer):
             if kernel.ndim < 2:
                 raise InvalidValueError("dimensions of a kernel", kernel.ndim, "2 or more")
         groups = [{"params": matrices, "kernels": True}, {"params": list(others), "kernels": False}]
-        defaults = {"lr": lr, "betas": betas, "weight_decay": weight_decay}
-        super().__init__([group for group in groups if group["params"]], defaults)
+        super().__init__([group for group in groups if group["params"]], lr=lr, betas=betas, weight_decay=weight_decay)
 
     @torch.no_grad()
     def step(self, closure: Callable[[], Any] | None = None) -> Any:
         """Take a step; returns what the closure does."""
-        loss = None
-        if closure is not None:
-            with torch.enable_grad():
-                loss = closure()
-        for group in self.param_groups:
-            update = self._kernel_update if group["kernels"] else self._adam_update
-            for parameter in group["params"]:
+        groups = self.param_groups
+        try:
+            # AdamW moves the groups that it sees.
+            self.param_groups = [group for group in groups if not group["kernels"]]
+            loss = super().step(closure)
+        finally:
+            self.param_groups = groups
+        for group in groups:
+            for parameter in group["params"] if group["kernels"] else ():
                 if parameter.grad is not None:
-                    change = update(self.state[parameter], parameter.grad, group)
+                    change = self._kernel_update(self.state[parameter], parameter.grad)
                     parameter.mul_(1.0 - group["lr"] * group["weight_decay"]).add_(change, alpha=-group["lr"])
         return loss
 
-    def _kernel_update(self, state: dict[str, Tensor], gradient: Tensor, group: dict[str, Any]) -> Tensor:  # noqa: ARG002
+    @staticmethod
+    def _kernel_update(state: dict[str, Tensor], gradient: Tensor) -> Tensor:
         if not state:
-            state["momentum"] = torch.zeros_like(gradient)
+            # AdamW looks for a step in every state that it is given back.
+            state.update(step=torch.tensor(0.0), momentum=torch.zeros_like(gradient))
         momentum = state["momentum"].lerp_(gradient, 1.0 - _MOMENTUM)
         # Nesterov's look ahead.
         matrix = orthogonalize(gradient.lerp(momentum, _MOMENTUM).flatten(1))
         return matrix.mul_(_ADAM_SIZE * math.sqrt(max(matrix.shape))).view_as(gradient)
-
-    def _adam_update(self, state: dict[str, Tensor], gradient: Tensor, group: dict[str, Any]) -> Tensor:
-        if not state:
-            state.update(step=torch.tensor(0.0), mean=torch.zeros_like(gradient), square=torch.zeros_like(gradient))
-        state["step"] += 1
-        count, (first, second) = float(state["step"]), group["betas"]
-        mean = state["mean"].lerp_(gradient, 1.0 - first)
-        square = state["square"].lerp_(gradient.square(), 1.0 - second)
-        change: Tensor = (mean / (1.0 - first**count)) / (square / (1.0 - second**count)).sqrt().add_(1e-8)
-        return change
 
 
 def orthogonalize(matrix: Tensor) -> Tensor:

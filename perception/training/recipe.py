@@ -1,19 +1,18 @@
 """What a network must bring to be trained by `laploop.perception.training.fit`."""
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from laploop.errors import InvalidValueError
 from laploop.perception.data.datasets import DepthDataset
+from laploop.perception.training.settings import Schedule
 
 Network = TypeVar("Network", bound=nn.Module)
 
@@ -22,61 +21,6 @@ Sample = dict[str, NDArray[Any]]
 
 Batch = dict[str, Tensor]
 """A stack of samples with the same keys; `image` is float32, still grey values from 0 to 255."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Schedule:
-    """How long and how fast one stage learns."""
-
-    epochs: int
-    batch: int = 4
-    accumulate: int = 1
-    """Batches whose gradients are added before a step."""
-    learning_rate: float = 1e-3
-    """At the start of the cosine."""
-    final_learning_rate: float = 1e-6
-    """At the end of the cosine; the same as the start for a constant rate."""
-    per_step: bool = False
-    """Lower the rate at every step; off, once an epoch, which reaches the final rate in the last epoch, as the paper does
-    (161 epochs, T_max 160)."""
-    warmup_steps: int = 0
-    """Steps of a linear start."""
-    optimizer: Literal["adam", "muon"] = "adam"
-    """`muon` takes steps of orthogonalised momentum for all kernels but those of `Recipe.adam_layers`."""
-    betas: tuple[float, float] = (0.9, 0.999)
-    weight_decay: float = 0.0
-    """Decoupled, as in AdamW; 0 makes it plain Adam."""
-    clip_norm: float = 0.0
-    """Largest norm of the gradient; 0 for no limit."""
-    bfloat16: bool = False
-    """Convolutions in bfloat16; halves the time of a step where the processor has instructions for it."""
-    seed: int = 0
-    """Decides the first weights, the order and the augmentation."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        for name in ("epochs", "batch", "accumulate", "learning_rate"):
-            if not getattr(self, name) > 0:
-                raise InvalidValueError(name, getattr(self, name), "above 0")
-        for name in ("warmup_steps", "weight_decay", "clip_norm"):
-            if not getattr(self, name) >= 0:
-                raise InvalidValueError(name, getattr(self, name), "0 or more")
-        if self.optimizer not in ("adam", "muon"):
-            raise InvalidValueError("optimizer", self.optimizer, "adam, muon")
-        if not 0.0 <= self.final_learning_rate <= self.learning_rate:
-            raise InvalidValueError("final_learning_rate", self.final_learning_rate, "0 to learning_rate")
-
-    def rate(self, batch: int, batches: int) -> float:
-        """Return the learning rate before a batch, counted from the very first, where an epoch has so many batches."""
-        epoch, within = divmod(batch, batches)
-        done = (epoch + within / batches) / self.epochs if self.per_step else epoch / max(1, self.epochs - 1)
-        cosine = 0.5 * (1.0 + math.cos(math.pi * min(1.0, done)))
-        start = min(1.0, (batch // self.accumulate + 1) / (self.warmup_steps + 1))
-        return start * (self.final_learning_rate + (self.learning_rate - self.final_learning_rate) * cosine)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -96,7 +40,7 @@ class Prediction:
     depth_mm: Tensor
     """(B, H, W)."""
     valid: Tensor
-    """(B, H, W) bool, where the network stands by it."""
+    """(B, H, W) bool, where the network marks its depth valid."""
 
 
 class Recipe(ABC):
@@ -114,6 +58,8 @@ class Recipe(ABC):
     network: nn.Module
     """All that is saved; parameters that do not require gradients stay as they are."""
     schedule: Schedule
+    settings: Mapping[str, object] = {}
+    """What decides the result beside architecture, schedule and frames, as plain data: another one is not resumed."""
     variants: int = 0
     """Augmented variants of a frame that the epochs take in turn; 0 for a new one in every epoch. Where it is set, `derive` is
     called once for each and what it returns is kept in memory."""
@@ -125,7 +71,7 @@ class Recipe(ABC):
 
     @abstractmethod
     def loss(self, batch: Batch, progress: float) -> Loss:
-        """Return the loss of a batch; `progress` is the share of the training that is done, 0 to 1."""
+        """Return the loss of a batch; `progress` is the fraction of the training that is done."""
 
     @abstractmethod
     def predict(self, batch: Batch) -> Prediction:

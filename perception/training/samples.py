@@ -1,5 +1,6 @@
 """Frames in memory, their order, and the batches made of them."""
 
+import hashlib
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -28,6 +29,8 @@ class Samples:
 
     rows: list[Sample]
     split: str
+    fingerprint: str
+    """Hash of all arrays in their order: the same for the same frames, wherever they lie."""
 
     @classmethod
     def read(
@@ -60,14 +63,17 @@ class Samples:
             chosen = chosen[np.linspace(0, len(chosen) - 1, limit).round().astype(np.intp)]
         size = (dataset.optics.height, dataset.optics.width)
         rows: list[Sample] = []
+        digest = hashlib.blake2b(digest_size=8)
         for index in track(chosen, f"reading {split}", console=Console(stderr=True), disable=not progress):
             sample = _read(dataset, int(index), against)
             _check_frame(dataset, int(index), sample, size)
             if np.isfinite(sample["depth_mm"]).any():
                 rows.append({**sample, **recipe.extras(dataset, int(index))})
+                for values in rows[-1].values():
+                    digest.update(np.ascontiguousarray(values).data)
         if not rows:
             raise InvalidValueError(f"frames with any depth in split {split!r} of {dataset.path}", 0, "1 or more")
-        return cls(rows=rows, split=split)
+        return cls(rows=rows, split=split, fingerprint=digest.hexdigest())
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -84,17 +90,6 @@ def check_against(dataset: DepthDataset, against: str) -> None:
     if against not in allowed:
         note = "" if len(allowed) > 1 else "; only pairs made by `laploop collect` have a reference camera"
         raise InvalidValueError(f"truth to learn from {dataset.path}", against, ", ".join(allowed) + note)
-
-
-def check_size(dataset: DepthDataset, height: int, width: int) -> None:
-    """Refuse a data set whose images are not what a network takes.
-
-    Raises:
-        InvalidValueError: If the size differs.
-    """
-    size = (dataset.optics.height, dataset.optics.width)
-    if size != (height, width):
-        raise InvalidValueError(f"image (height, width) of {dataset.path}", size, f"{(height, width)}")
 
 
 def _read(dataset: DepthDataset, index: int, against: str) -> Sample:

@@ -7,17 +7,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from laploop.perception.data.datasets import DepthDataset
-from laploop.perception.networks.ssle_network import FORMAT, SsleConfig, SsleNetwork, SsleOutput
+from laploop.configuration import to_plain
+from laploop.perception.networks.configs import SsleConfig
+from laploop.perception.networks.ssle_network import SsleNetwork, SsleOutput
 from laploop.perception.networks.vq_vae import VqVae, depth_to_unit, image_to_unit, unit_to_depth
-from laploop.perception.training.fit import Machine, check_fresh, fit, require_lightning
 from laploop.perception.training.losses import linear_ramp, masked_l1, spatial_loss, vq_loss
 from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, flip_and_gain, seeded
-from laploop.perception.training.samples import SampleDataset, Samples, check_against, check_size, stack
-from laploop.perception.training.ssle_settings import SsleTraining
-from laploop.perception.weights import load_weights
-
-STAGES = ("vq-image", "vq-depth", "unet")
+from laploop.perception.training.run import TrainingRun
+from laploop.perception.training.samples import SampleDataset, Samples, stack
+from laploop.perception.training.settings import SsleTraining
 
 
 class VqRecipe(Recipe):
@@ -32,6 +30,7 @@ class VqRecipe(Recipe):
         self.name = f"vq-{domain}"
         self.error_unit = "grey" if domain == "image" else "mm"
         self.schedule = training.vq
+        self.settings = _settings(training)
         self._domain, self._config, self._training = domain, config, training
         self.vq_vae = seeded(lambda: VqVae(config.image if domain == "image" else config.depth), training.vq.seed)
         self.network = self.vq_vae
@@ -39,7 +38,7 @@ class VqRecipe(Recipe):
     @property
     def architecture(self) -> Mapping[str, object]:
         """The whole network's, and which part this is."""
-        return {**self._config.architecture, "format": f"{FORMAT}-{self.name}"}
+        return {**self._config.architecture, "format": f"{self._config.form}-{self.name}"}
 
     def augment(self, sample: Sample, rng: np.random.Generator) -> Sample:
         """Mirror and change the gain, if the training says so."""
@@ -89,6 +88,7 @@ class UNetRecipe(Recipe):
     ) -> None:
         """Put the network together from trained VQ-VAEs, and mean and deviation of the depth's quantised latents."""
         self.schedule = training.unet
+        self.settings = _settings(training)
         self.variants = training.variants
         self._training = training
         self.ssle = seeded(lambda: SsleNetwork(config), training.unet.seed)
@@ -162,41 +162,21 @@ class UNetRecipe(Recipe):
         return values
 
 
-def train_ssle(
-    dataset: DepthDataset,
-    out: Path,
-    *,
-    config: SsleConfig,
-    training: SsleTraining,
-    against: str = "exact",
-    machine: Machine | None = None,
-    limit: int | None = None,
-    resume: bool = False,
-    progress: bool = True,
-) -> Path:
-    """Train all stages and return the path of the weights in `out`; each VQ-VAE has a folder of its own in it.
-
-    With `resume`, stages that are done are taken as they are, and the one that was interrupted goes on.
-
-    Raises:
-        InvalidValueError: If the data set does not fit the network, or Lightning is not installed.
-        OutputError: If `out` holds a training and `resume` is off.
-    """
-    require_lightning()
-    check_size(dataset, config.height, config.width)
-    check_against(dataset, against)
-    for folder in (out / STAGES[0], out / STAGES[1], out):
-        check_fresh(folder / "checkpoint.safetensors", resume=resume)
+def train_ssle(run: TrainingRun, *, config: SsleConfig, training: SsleTraining) -> Path:
+    """Train all stages and return the path of the weights; each VQ-VAE has a folder of its own."""
     image, depth = VqRecipe("image", config, training), VqRecipe("depth", config, training)
-    train = Samples.read(dataset, "train", image, against=against, limit=limit, progress=progress)
-    val = Samples.read(dataset, "val", image, against=against, limit=limit, progress=progress)
+    frames = run.read(image)
     for recipe in (image, depth):
-        path = fit(recipe, train, val, out / recipe.name, machine=machine, resume=resume, progress=progress)
-        tensors, _ = load_weights(path, recipe.architecture, recipe.network.state_dict())
-        recipe.network.load_state_dict(tensors)
-    statistics = latent_statistics(depth, train)
-    unet = UNetRecipe(config, training, image.vq_vae, depth.vq_vae, statistics)
-    return fit(unet, train, val, out, machine=machine, resume=resume, progress=progress)
+        run.fit(recipe, frames, recipe.name)
+    unet = UNetRecipe(config, training, image.vq_vae, depth.vq_vae, latent_statistics(depth, frames[0]))
+    return run.fit(unet, frames)
+
+
+def _settings(training: SsleTraining) -> Mapping[str, object]:
+    """Return all but the epochs of the last stage, which may be changed on resume."""
+    plain = to_plain(training)
+    del plain["unet"]["epochs"]
+    return plain
 
 
 def latent_statistics(recipe: VqRecipe, samples: Samples) -> tuple[Tensor, Tensor]:

@@ -3,115 +3,49 @@
 Both learn from likelihood and absolute error in millimetres, through the triangulation.
 """
 
-import math
+import hashlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from laploop.errors import InvalidValueError
+from laploop.configuration import to_plain
 from laploop.perception.data.datasets import DepthDataset
-from laploop.perception.networks.ssle_phase import (
-    FORMAT,
-    SslePhase,
-    SslePhaseConfig,
-    SslePhaseOutput,
-    triangulate,
-    triangulated,
-)
+from laploop.perception.networks.configs import SslePhaseConfig
+from laploop.perception.networks.ssle_phase import SslePhase, SslePhaseOutput, triangulate, triangulated
 from laploop.perception.networks.ssle_phase_front import PhaseFilters, RigBatch, rig_numbers
 from laploop.perception.networks.ssle_phase_reader import PhaseReading
-from laploop.perception.training.fit import Machine, check_fresh, fit, require_lightning
-from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, Schedule, flip_and_gain, seeded
-from laploop.perception.training.samples import Samples, check_against, check_size
+from laploop.perception.training.recipe import Batch, Loss, Prediction, Sample, seeded
+from laploop.perception.training.run import TrainingRun
+from laploop.perception.training.scale_recipe import ScaleRecipe
+from laploop.perception.training.settings import SslePhaseTraining
 from laploop.perception.weights import load_weights
 
 _NEAREST_MM, _FARTHEST_MM = 20.0, 250.0
 """The network's depth ends about there. Of truth outside only the likelihood learns, which is to say that nobody knows."""
 
-
-def _schedule(epochs: int) -> Schedule:
-    return Schedule(
-        epochs=epochs,
-        batch=8,
-        learning_rate=2e-3,
-        final_learning_rate=1e-5,
-        per_step=True,
-        warmup_steps=200,
-        optimizer="muon",
-        weight_decay=1e-4,
-        clip_norm=5.0,
-        bfloat16=True,
-    )
+TRAINED = "trained"
+"""Where the first stage comes from, if not from a file."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SslePhaseTraining:
-    """The schedules, and what the losses weigh."""
-
-    reader: Schedule = field(default_factory=lambda: _schedule(epochs=12))
-    refiner: Schedule = field(default_factory=lambda: _schedule(epochs=12))
-    l1_weight: float = 0.5
-    """Weight of the absolute error in millimetres beside the Laplace likelihood, which cares little for the worst pixels;
-    that of the depth before the reader's second demodulation too."""
-    coarse_weight: float = 10.0
-    """Weight of the coarse depth's error, the difference of logarithms: this is what picks the stripe order."""
-    gain_range: float = 0.15
-    """Images are made brighter or darker by up to this share."""
-    variants: int = 2
-    """Of a frame, mirrored or not, each with its gain; the refiner's training keeps their readings in memory, 0.4 MB each."""
-    norm_momentum: float = 0.02
-    """Share of a batch in the running statistics of the refiner's normalisation. With torch's own, 0.1, they are those of the
-    last ten batches, by whose chance the error of validation varied by a twentieth."""
-    max_scale_mm: float = 2.0
-    """In validation, a pixel is valid where its predicted scale is at most this."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        for name in ("l1_weight", "coarse_weight"):
-            if not getattr(self, name) >= 0.0:
-                raise InvalidValueError(name, getattr(self, name), "0 or more")
-        if not 0.0 <= self.gain_range < 1.0:
-            raise InvalidValueError("gain_range", self.gain_range, "0 to below 1")
-        if self.variants < 1:
-            raise InvalidValueError("variants", self.variants, "1 or more")
-        if not 0.0 < self.norm_momentum <= 1.0:
-            raise InvalidValueError("norm_momentum", self.norm_momentum, "above 0 and at most 1")
-        if not self.max_scale_mm > 0.0:
-            raise InvalidValueError("max_scale_mm", self.max_scale_mm, "above 0 mm")
-
-
-class _PhaseRecipe(Recipe):
+class _PhaseRecipe(ScaleRecipe):
     """What both stages share; every sample brings its rig."""
 
-    def __init__(self, phase: SslePhase, training: SslePhaseTraining) -> None:
-        """Train a part of a network."""
+    def __init__(self, phase: SslePhase, training: SslePhaseTraining, first_stage: str) -> None:
+        """Train a part of a network whose first stage comes from `first_stage`, in words."""
         self.phase = phase
         self.training = training
+        self.gain_range, self.max_scale_mm = training.gain_range, training.max_scale_mm
+        plain = to_plain(training)
+        # Those of the last stage may be changed on resume.
+        del plain["refiner"]["epochs"]
+        self.settings = {**plain, "first stage": first_stage}
 
     def extras(self, dataset: DepthDataset, index: int) -> Sample:
         """Return the numbers of the frame's rig."""
         return {"rig": np.array(rig_numbers(dataset.rig(index)))}
-
-    def augment(self, sample: Sample, rng: np.random.Generator) -> Sample:
-        """Mirror top to bottom, for which a rig with a centred camera stays the same, and change the gain."""
-        return flip_and_gain(sample, rng, self.training.gain_range)
-
-    def truth_mm(self, batch: Batch) -> Tensor:
-        """Return the truth at 60 to 140 mm, where the loop works."""
-        truth = batch["depth_mm"]
-        return torch.where((truth >= 60.0) & (truth <= 140.0), truth, torch.nan)
-
-    def prediction(self, output: SslePhaseOutput) -> Prediction:
-        """Return the depth, valid where the network expects it to be near enough."""
-        return Prediction(depth_mm=output.depth_mm, valid=output.log_scale <= math.log(self.training.max_scale_mm))
 
 
 class ReaderRecipe(_PhaseRecipe):
@@ -121,14 +55,14 @@ class ReaderRecipe(_PhaseRecipe):
 
     def __init__(self, config: SslePhaseConfig, training: SslePhaseTraining) -> None:
         """Make the network with random weights that depend on the seed alone."""
-        super().__init__(seeded(lambda: SslePhase(config), training.reader.seed), training)
+        super().__init__(seeded(lambda: SslePhase(config), training.reader.seed), training, TRAINED)
         self.schedule = training.reader
         self.network = self.phase.reader
 
     @property
     def architecture(self) -> Mapping[str, object]:
         """The whole network's, and which part this is."""
-        return {**self.phase.config.architecture, "format": f"{FORMAT}-{self.name}"}
+        return {**self.phase.config.architecture, "format": f"{self.phase.config.form}-{self.name}"}
 
     def adam_layers(self) -> Iterable[nn.Module]:
         """Return the layers that say the results."""
@@ -159,9 +93,9 @@ class SslePhaseRecipe(_PhaseRecipe):
 
     name = "ssle-phase"
 
-    def __init__(self, phase: SslePhase, training: SslePhaseTraining) -> None:
+    def __init__(self, phase: SslePhase, training: SslePhaseTraining, first_stage: str = TRAINED) -> None:
         """Take over a network with a trained reader."""
-        super().__init__(phase, training)
+        super().__init__(phase, training, first_stage)
         self.schedule = training.refiner
         self.variants = training.variants
         self.network = self.phase
@@ -262,59 +196,34 @@ def _weights(mask: Tensor) -> Tensor:
 
 
 def train_ssle_phase(
-    dataset: DepthDataset,
-    out: Path,
+    run: TrainingRun,
     *,
     config: SslePhaseConfig,
     training: SslePhaseTraining,
     reader: Path | None = None,
     start: Path | None = None,
-    against: str = "exact",
-    machine: Machine | None = None,
-    limit: int | None = None,
-    resume: bool = False,
-    progress: bool = True,
 ) -> Path:
-    """Train both stages and return the path of the weights in `out`; the reader has the folder `reader` in it.
-
-    With `resume`, a reader that is done is taken as it is, and the stage that was interrupted goes on.
+    """Train both stages and return the path of the weights; the reader has the folder `reader`.
 
     Args:
-        dataset: With a training and a validation split.
-        out: Folder of weights, checkpoint and logs.
-        config: Of the network.
+        run: Data, folder and machine.
+        config: Sizes of the network.
         training: Schedules and losses.
         reader: Weights of a trained reader, which is then not trained again.
-        start: Weights of a whole network to go on from: its reader stays as it is, its refiner learns on.
-        against: `exact` or `zivid`, the depth to learn.
-        machine: What to train on.
-        limit: Largest number of frames of each split.
-        resume: Go on from the checkpoint.
-        progress: Show a bar.
+        start: Weights of a whole network to go on from, instead: its reader stays as it is, its refiner learns on.
 
     Raises:
-        InvalidValueError: If the data set does not fit the network, Lightning is not installed, or both weights are given.
-        OutputError: If `out` holds a training and `resume` is off.
         MissingFileError: If there are no weights where they are said to be.
         WeightsError: If they are damaged or of another network.
     """
-    require_lightning()
-    if reader is not None and start is not None:
-        raise InvalidValueError("reader", reader, "none with start: a whole network has its reader")
-    check_size(dataset, config.height, config.width)
-    check_against(dataset, against)
-    for folder in (out / ReaderRecipe.name, out):
-        check_fresh(folder / "checkpoint.safetensors", resume=resume)
     first = ReaderRecipe(config, training)
-    given = None if reader is None else load_weights(reader, first.architecture, first.network.state_dict())[0]
-    if start is not None:
-        first.phase.load_state_dict(load_weights(start, config.architecture, first.phase.state_dict())[0])
-        given = first.network.state_dict()
-    train = Samples.read(dataset, "train", first, against=against, limit=limit, progress=progress)
-    val = Samples.read(dataset, "val", first, against=against, limit=limit, progress=progress)
+    given, origin = start or reader, TRAINED
+    if given is not None:
+        whole = start is not None
+        recipe = SslePhaseRecipe(first.phase, training) if whole else first
+        recipe.network.load_state_dict(load_weights(given, recipe.architecture, recipe.network.state_dict())[0])
+        origin = f"{'start' if whole else 'reader'} {hashlib.sha256(given.read_bytes()).hexdigest()[:16]}"
+    frames = run.read(first)
     if given is None:
-        path = fit(first, train, val, out / first.name, machine=machine, resume=resume, progress=progress)
-        given, _ = load_weights(path, first.architecture, first.network.state_dict())
-    first.network.load_state_dict(given)
-    second = SslePhaseRecipe(first.phase, training)
-    return fit(second, train, val, out, machine=machine, resume=resume, progress=progress)
+        run.fit(first, frames, first.name)
+    return run.fit(SslePhaseRecipe(first.phase, training, origin), frames)

@@ -1,11 +1,8 @@
 """A recipe as Lightning sees it, and what is written after every epoch."""
 
-import csv
-import io
 import math
-import os
 import time
-from collections.abc import Iterator
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,24 +14,33 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from torch import Tensor
 from torch.utils.data import DataLoader
 
+from laploop.perception.training.epoch_log import LOG_NAME, read_rows, write_rows
+from laploop.perception.training.fit import CHECKPOINT_NAME
 from laploop.perception.training.muon import Muon
 from laploop.perception.training.recipe import Batch, Recipe
 from laploop.perception.training.samples import Samples, loader
-from laploop.perception.weights import architecture_hash, save_weights
-
-CHECKPOINT_NAME = "checkpoint.safetensors"
-LOG_NAME = "log.csv"
+from laploop.perception.weights import save_weights
 
 
 class StageModule(pl.LightningModule):
     """Runs a recipe's loss, sets the learning rate, and measures the error in millimetres."""
 
-    def __init__(self, recipe: Recipe, train: Samples, val: Samples, *, workers: int, processes: int) -> None:
-        """Wrap a recipe and its frames."""
+    def __init__(
+        self,
+        recipe: Recipe,
+        train: Samples,
+        val: Samples,
+        *,
+        identity: Mapping[str, object],
+        workers: int,
+        processes: int,
+    ) -> None:
+        """Wrap a recipe and its frames; `identity` goes into checkpoints."""
         super().__init__()
         self.recipe = recipe
         self.network = recipe.network
         self._train, self._val, self._workers = train, val, workers
+        self._identity = dict(identity)
         self._batches = math.ceil(math.ceil(len(train) / processes) / recipe.schedule.batch)
         self.totals: dict[str, list[float]] = {}
         self.val_sums = torch.zeros(4, dtype=torch.float64)
@@ -49,8 +55,8 @@ class StageModule(pl.LightningModule):
         return self._loader(self._val, training=False)
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
-        """Keep what the checkpoint is of, so that it is refused by another network."""
-        checkpoint["architecture"] = architecture_hash(self.recipe.architecture, self.network.state_dict())
+        """Keep what the checkpoint is of, so that no other training resumes it."""
+        checkpoint["identity"] = self._identity
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
         """Return Muon where it is asked for; else Adam, or AdamW where weights decay."""
@@ -182,28 +188,6 @@ class EpochWriter(pl.Callback):
 
     def _done(self, trainer: pl.Trainer, batches: int) -> int:
         return trainer.current_epoch * int(trainer.num_training_batches) + batches
-
-
-def write_rows(path: Path, rows: list[dict[str, float]]) -> None:
-    """Write the log, whole or not at all."""
-    if not rows:
-        path.unlink(missing_ok=True)
-        return
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(rows[-1]))
-    writer.writeheader()
-    writer.writerows(rows)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    partial.write_text(text.getvalue(), encoding="utf-8")
-    partial.replace(path)
-
-
-def read_rows(path: Path) -> Iterator[dict[str, float]]:
-    """Yield the lines of a log; none if there is no log."""
-    if path.is_file():
-        with path.open(newline="", encoding="utf-8") as stream:
-            for row in csv.DictReader(stream):
-                yield {name: float(value) for name, value in row.items()}
 
 
 def _progress_bar(*, visible: bool) -> Progress:

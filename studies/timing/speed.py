@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError, MissingFileError, UnknownNameError, check_range
-from laploop.perception.estimators.registry import BASELINE_NAMES, estimator_names, make_estimator
+from laploop.perception.estimators.registry import check_estimator, make_estimator
 from laploop.perception.geometry import Rig
 
 Image = NDArray[np.uint8]
@@ -74,8 +74,8 @@ class SpeedConfig:
             UnknownNameError: If there is no such model, backend or precision.
             InvalidValueError: If a number is out of range or options exclude each other.
         """
+        check_estimator(self.model)
         for kind, name, available in (
-            ("model", self.model, (*estimator_names(), *BASELINE_NAMES)),
             ("backend", self.backend, BACKENDS),
             ("precision", self.precision, PRECISIONS),
         ):
@@ -144,11 +144,11 @@ def measure_speed(config: SpeedConfig, progress: Callable[[float], None] | None 
     """
     import torch  # slow to import
 
-    from laploop.perception.inference.models import NETWORK_NAMES
     from laploop.perception.inference.torch_runner import check_device
+    from laploop.perception.network_specs import NETWORKS
 
     check_device(config.device)
-    networked = config.model in NETWORK_NAMES
+    networked = config.model in NETWORKS.names()
     if not networked and (config.backend not in {AUTO, ESTIMATOR} or config.random_weights):
         raise InvalidValueError("backend", config.backend, f"auto or estimator for {config.model!r}, which is not one network")
     rig, images = _frames(config)

@@ -3,9 +3,9 @@ import pickle
 import numpy as np
 import pytest
 import torch
+from laploop.perception.estimators.compact import CompactEstimator
 
 from laploop.errors import LaploopError, MissingFileError, OutputError, WeightsError
-from laploop.perception.estimators.compact import CompactEstimator
 from laploop.perception.networks.compact_unet import CompactConfig, CompactUNet
 from laploop.perception.weights import load_weights, save_weights
 

@@ -3,7 +3,6 @@ import json
 
 import numpy as np
 import pytest
-
 from laploop.perception.estimators.compact import SHIPPED_WEIGHTS, CompactEstimator
 
 CARD = SHIPPED_WEIGHTS.with_suffix(".md")

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 import torch
+from laploop.perception.estimators.ssle_phase import SslePhaseEstimator
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError, MissingFileError, WeightsError
 from laploop.perception.estimators.base import DepthEstimator
-from laploop.perception.estimators.ssle_phase import SslePhaseEstimator
 from laploop.perception.geometry import Rig
 from laploop.perception.networks.ssle_phase import SslePhase, SslePhaseConfig
 from laploop.perception.networks.ssle_phase_front import RigBatch

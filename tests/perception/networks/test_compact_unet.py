@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 import torch
+from laploop.perception.estimators.compact import CompactEstimator
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError
-from laploop.perception.estimators.compact import CompactEstimator
 from laploop.perception.geometry import Rig
 from laploop.perception.networks.compact_unet import CompactConfig, CompactUNet
 

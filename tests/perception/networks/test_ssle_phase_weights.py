@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from laploop.perception.estimators.ssle_phase import SHIPPED_WEIGHTS, SslePhaseEstimator
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
-from laploop.perception.estimators.ssle_phase import SHIPPED_WEIGHTS, SslePhaseEstimator
 from laploop.perception.geometry import Rig
 
 CARD = SHIPPED_WEIGHTS.with_suffix(".md")

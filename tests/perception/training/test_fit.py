@@ -16,9 +16,10 @@ from laploop.errors import InvalidValueError, MissingFileError, OutputError, Wei
 from laploop.perception.data.datasets import open_dataset
 from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.training import fit as fit_module
-from laploop.perception.training.fit import Machine, fit
-from laploop.perception.training.recipe import Loss, Prediction, Recipe, Schedule, flip_and_gain, seeded
-from laploop.perception.training.samples import EpochSampler, Samples, check_size
+from laploop.perception.training.fit import fit
+from laploop.perception.training.recipe import Loss, Prediction, Recipe, flip_and_gain, seeded
+from laploop.perception.training.samples import EpochSampler, Samples
+from laploop.perception.training.settings import Machine, Schedule
 
 CPU = Machine(accelerator="cpu", tensorboard=False)
 OPTICS = ScopeOptics(width=32, height=32, mask=StripeMask(stripes=4))
@@ -216,7 +217,7 @@ def test_resuming_a_finished_training_does_nothing(dataset, tmp_path):
     recipe = Line(epochs=1)
     fit(recipe, *_samples(dataset, recipe), tmp_path / "out", machine=CPU, progress=False)
     before = _bytes(tmp_path / "out")
-    recipe = Line(epochs=1, seed=4)
+    recipe = Line(epochs=1)
     fit(recipe, *_samples(dataset, recipe), tmp_path / "out", machine=CPU, resume=True, progress=False)
     assert _bytes(tmp_path / "out") == before
 
@@ -262,6 +263,48 @@ def test_checkpoint_keeps_every_kind_of_value_and_layout(tmp_path):
         plugin.load_checkpoint(tmp_path / "c")
 
 
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({"seed": 4}, "seed is 0; allowed: 4"),
+        ({"learning_rate": 5e-3}, r"learning_rate is 0\.01; allowed: 0\.005"),
+        ({"batch": 1}, "batch is 2; allowed: 1"),
+        ({"optimizer": "muon"}, "optimizer is 'adam'; allowed: 'muon'"),
+    ],
+)
+@pytest.mark.parametrize("epochs", [2, 1])  # before its end, and after it
+def test_a_training_with_other_options_is_not_resumed(dataset, tmp_path, changes, named, epochs):
+    out = tmp_path / "out"
+    recipe = Line(epochs=1)
+    fit(recipe, *_samples(dataset, recipe), out, machine=CPU, progress=False)
+    before = {path: path.read_bytes() for path in out.iterdir()}
+    other = Line(**{"epochs": epochs, **changes})
+    with pytest.raises(WeightsError, match=named) as caught:
+        fit(other, *_samples(dataset, other), out, machine=CPU, resume=True, progress=False)
+    assert "\n" not in str(caught.value)
+    assert {path: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_a_training_with_other_frames_is_not_resumed_wherever_they_lie(dataset, tmp_path):
+    out = tmp_path / "out"
+    recipe = Line(epochs=1)
+    fit(recipe, *_samples(dataset, recipe), out, machine=CPU, progress=False)
+    moved, other = _dataset(tmp_path / "moved"), _dataset(tmp_path / "other", frames=7)
+    recipe = Line(epochs=2)
+    with pytest.raises(WeightsError, match="content of the training frames"):
+        fit(recipe, *_samples(other, recipe), out, machine=CPU, resume=True, progress=False)
+    fit(recipe, *_samples(moved, recipe), out, machine=CPU, resume=True, progress=False)
+    assert len((out / "log.csv").read_text().splitlines()) == 3
+
+
+def test_a_machine_that_is_not_there_is_one_clear_line(dataset, tmp_path):
+    recipe = Line()
+    with pytest.raises(InvalidValueError, match="machine") as caught:
+        fit(recipe, *_samples(dataset, recipe), tmp_path / "out", machine=Machine(strategy="no-such"), progress=False)
+    assert "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
 def test_missing_lightning_names_the_extra(monkeypatch):
     monkeypatch.setattr(fit_module, "find_spec", lambda name: None)
     with pytest.raises(InvalidValueError, match=r"laploop\[train\]"):
@@ -273,8 +316,6 @@ def test_bad_frames_are_refused_before_training(tmp_path, dataset):
         Samples.read(dataset, "train", Line(), against="zivid")
     with pytest.raises(InvalidValueError, match="split"):
         Samples.read(dataset, "test", Line())
-    with pytest.raises(InvalidValueError, match="height, width"):
-        check_size(dataset, 64, 64)
 
 
 @pytest.mark.parametrize(

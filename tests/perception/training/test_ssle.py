@@ -12,25 +12,23 @@ from laploop.errors import InvalidValueError, MissingFileError, OutputError, Wei
 from laploop.perception.data.datasets import open_dataset
 from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.estimators.base import DepthEstimator
-from laploop.perception.estimators.dual_unet import DualUNetEstimator
 from laploop.perception.estimators.registry import make_estimator
-from laploop.perception.estimators.ssle import SsleEstimator
 from laploop.perception.geometry import Rig
-from laploop.perception.networks.dual_unet import DualUNet, DualUNetConfig
-from laploop.perception.networks.ssle_network import SsleConfig, SsleNetwork
+from laploop.perception.network_specs import NETWORKS
+from laploop.perception.networks.dual_unet import DualUNet
+from laploop.perception.networks.ssle_network import SsleNetwork
 from laploop.perception.networks.vq_vae import VqVae
-from laploop.perception.training.dual_unet import DualUNetTraining, train_dual_unet
-from laploop.perception.training.fit import Machine
-from laploop.perception.training.recipe import Schedule
+from laploop.perception.training.run import TrainingRun, train_network
 from laploop.perception.training.samples import Samples, loader
-from laploop.perception.training.ssle import UNetRecipe, train_ssle
-from laploop.perception.training.ssle_settings import SsleLoss, SsleTraining
+from laploop.perception.training.settings import DualUNetTraining, Machine, Schedule, SsleLoss, SsleTraining
+from laploop.perception.training.ssle import UNetRecipe
 from laploop.perception.training.stage_module import EpochWriter
 from laploop.perception.weights import save_weights
 
 OPTICS = ScopeOptics(width=64, height=64, mask=StripeMask(stripes=8))
 RIG = Rig.from_optics(OPTICS)
-SSLE, DUAL = SsleConfig.named("tiny", height=64, width=64), DualUNetConfig.named("tiny", height=64, width=64)
+SSLE, DUAL = (NETWORKS.get(name).sized("tiny").for_image(64, 64) for name in ("ssle", "dual-unet"))
+TINY = NETWORKS.get("ssle").trainings["tiny"]
 CPU = Machine(accelerator="cpu", tensorboard=False)
 
 
@@ -58,15 +56,20 @@ def _last_mae_mm(out):
     return float(dict(zip(lines[0].split(","), lines[-1].split(","), strict=True))["val_mae_mm"])
 
 
-def _ssle(dataset, out, **changes):
-    return train_ssle(dataset, out, config=SSLE, training=SsleTraining.named("tiny"), machine=CPU, progress=False, **changes)
+def _train(name, dataset, out, config, training, **options):
+    run = TrainingRun(dataset=dataset, out=out, machine=CPU, progress=False, **options)
+    return train_network(NETWORKS.get(name), run, {"config": config, "training": training})
+
+
+def _ssle(dataset, out, **options):
+    return _train("ssle", dataset, out, SSLE, TINY, **options)
 
 
 def test_short_training_overfits_eight_frames_to_under_a_millimetre(dataset, tmp_path):
     schedule = Schedule(epochs=90, batch=8, learning_rate=2e-2, final_learning_rate=1e-5, per_step=True)
     config = replace(DUAL, depth=replace(DUAL.depth, base=16))
     training = DualUNetTraining(schedule=schedule)
-    train_dual_unet(dataset, tmp_path / "out", config=config, training=training, machine=CPU, progress=False)
+    _train("dual-unet", dataset, tmp_path / "out", config, training)
     assert _last_mae_mm(tmp_path / "out") < 1.0  # mm, the frames that were learned
 
 
@@ -75,7 +78,7 @@ def test_all_stages_of_ssle_overfit_eight_frames_to_under_a_millimetre(dataset, 
     vq = Schedule(epochs=100, batch=4, learning_rate=3e-3, final_learning_rate=1e-5, per_step=True)
     unet = Schedule(epochs=300, batch=4, learning_rate=3e-3, final_learning_rate=1e-5, per_step=True, clip_norm=5.0)
     training = SsleTraining(vq=vq, unet=unet, tune_decoder=True)
-    train_ssle(dataset, tmp_path / "out", config=SSLE, training=training, machine=CPU, progress=False)
+    _train("ssle", dataset, tmp_path / "out", SSLE, training)
     assert _last_mae_mm(tmp_path / "out") < 1.0  # mm, the frames that were learned
 
 
@@ -95,9 +98,8 @@ def test_stages_leave_their_weights_and_resume_to_the_same_bits(dataset, tmp_pat
 
 def _kept(dataset, out, epochs=3, **changes):
     """Train with two variants of each frame, whose codes are kept in memory."""
-    training = replace(SsleTraining.named("tiny"), variants=2, gain_range=0.15)
-    training = replace(training, unet=replace(training.unet, epochs=epochs))
-    return train_ssle(dataset, out, config=SSLE, training=training, machine=CPU, progress=False, **changes)
+    training = replace(TINY, variants=2, gain_range=0.15, unet=replace(TINY.unet, epochs=epochs))
+    return _train("ssle", dataset, out, SSLE, training, **changes)
 
 
 def test_resuming_with_kept_codes_ends_in_the_same_bits(dataset, tmp_path, monkeypatch):
@@ -126,7 +128,7 @@ def test_resuming_with_kept_codes_ends_in_the_same_bits(dataset, tmp_path, monke
 
 
 def test_kept_codes_give_the_loss_of_the_frozen_layers(dataset):
-    training = replace(SsleTraining.named("tiny"), variants=1)
+    training = replace(TINY, variants=1)
     parts = VqVae(SSLE.image), VqVae(SSLE.depth)
     recipe = UNetRecipe(SSLE, training, *parts, (torch.zeros(8), torch.ones(8)))
     samples = Samples.read(dataset, "val", recipe)
@@ -155,9 +157,10 @@ def test_only_the_unet_learns_in_the_last_stage_unless_the_decoder_is_freed(data
 
 
 def test_data_set_that_does_not_fit_is_refused(dataset, tmp_path):
-    for kind, against, message in ((SsleConfig.named("tiny"), "exact", "height, width"), (SSLE, "zivid", "reference camera")):
+    tiny = NETWORKS.get("ssle").sized("tiny")
+    for config, against, message in ((tiny, "exact", "height, width"), (SSLE, "zivid", "reference camera")):
         with pytest.raises(InvalidValueError, match=message):
-            train_ssle(dataset, tmp_path / "out", config=kind, training=SsleTraining.named("tiny"), against=against)
+            _train("ssle", dataset, tmp_path / "out", config, TINY, against=against)
     assert not (tmp_path / "out").exists()
 
 
@@ -174,15 +177,14 @@ def test_impossible_loss_weights_are_refused(change):
 
 
 @pytest.mark.parametrize(
-    ("name", "config", "network", "kind"),
-    [("ssle", SSLE, SsleNetwork, SsleEstimator), ("dual-unet", DUAL, DualUNet, DualUNetEstimator)],
+    ("name", "config", "network"),
+    [("ssle", SSLE, SsleNetwork), ("dual-unet", DUAL, DualUNet)],
 )
 class TestEstimators:
-    def test_size_is_told_by_the_file_and_the_contract_is_kept(self, tmp_path, name, config, network, kind):
+    def test_size_is_told_by_the_file_and_the_contract_is_kept(self, tmp_path, name, config, network):
         path = tmp_path / "w.safetensors"
         save_weights(path, network(config).state_dict(), config.architecture)
         estimator = make_estimator(name, RIG, path)
-        assert isinstance(estimator, kind)
         assert isinstance(estimator, DepthEstimator)
         image = np.random.default_rng(0).integers(0, 256, (64, 64)).astype(np.uint8)
         first, second = estimator.estimate(image), estimator.estimate(image)
@@ -192,7 +194,7 @@ class TestEstimators:
         if name == "ssle":
             np.testing.assert_array_equal(first.valid, (first.depth_mm >= 40.0) & (first.depth_mm <= 160.0))
 
-    def test_wrong_image_is_refused(self, tmp_path, name, config, network, kind):
+    def test_wrong_image_is_refused(self, tmp_path, name, config, network):
         path = tmp_path / "w.safetensors"
         save_weights(path, network(config).state_dict(), config.architecture)
         with pytest.raises(InvalidValueError, match="height, width"):
@@ -202,7 +204,7 @@ class TestEstimators:
             with pytest.raises(InvalidValueError, match="image"):
                 estimator.estimate(image)
 
-    def test_weights_that_are_not_its_own_are_refused(self, tmp_path, name, config, network, kind):
+    def test_weights_that_are_not_its_own_are_refused(self, tmp_path, name, config, network):
         path = tmp_path / "w.safetensors"
         with pytest.raises(MissingFileError, match="laploop train"):
             make_estimator(name, RIG, path)
@@ -213,10 +215,10 @@ class TestEstimators:
         with pytest.raises(WeightsError, match="another"):
             make_estimator(name, RIG, path)
         save_weights(path, network(config).state_dict(), {**config.architecture, "farthest_mm": -1.0})
-        with pytest.raises(WeightsError, match="impossible"):
+        with pytest.raises(WeightsError, match=r"impossible network: farthest_mm is -1\.0; allowed: above 0"):
             make_estimator(name, RIG, path)
-        save_weights(path, network(config).state_dict(), {"format": config.architecture["format"]})
-        with pytest.raises(WeightsError, match="describes a network"):
+        save_weights(path, network(config).state_dict(), {**config.architecture, "depths": 3})
+        with pytest.raises(WeightsError, match="unknown field 'depths'"):
             make_estimator(name, RIG, path)
         save_weights(path, {}, config.architecture)
         with pytest.raises(WeightsError, match="architecture"):

@@ -1,5 +1,6 @@
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,22 +8,19 @@ import torch
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
-from laploop.errors import InvalidValueError, OutputError
+from laploop.errors import InvalidValueError, OutputError, WeightsError
 from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.geometry import Rig
-from laploop.perception.networks.ssle_phase import SslePhaseConfig, SslePhaseOutput
+from laploop.perception.network_specs import NETWORKS
+from laploop.perception.networks.configs import SslePhaseConfig
+from laploop.perception.networks.ssle_phase import SslePhaseOutput
 from laploop.perception.networks.ssle_phase_front import rig_numbers
 from laploop.perception.networks.ssle_phase_reader import PhaseReading
-from laploop.perception.training.recipe import Schedule
+from laploop.perception.training.options import SslePhaseOptions
+from laploop.perception.training.run import TrainingRun, train_network
 from laploop.perception.training.samples import SampleDataset, Samples, stack
-from laploop.perception.training.ssle_phase import (
-    ReaderRecipe,
-    SslePhaseRecipe,
-    SslePhaseTraining,
-    reader_loss,
-    ssle_phase_loss,
-    train_ssle_phase,
-)
+from laploop.perception.training.settings import Machine, Schedule, SslePhaseTraining
+from laploop.perception.training.ssle_phase import ReaderRecipe, SslePhaseRecipe, reader_loss, ssle_phase_loss
 from laploop.perception.weights import load_weights
 
 OPTICS = ScopeOptics(width=128, height=128, mask=StripeMask(stripes=10))
@@ -57,6 +55,12 @@ def dataset(tmp_path_factory, render):
         image = render(store.rig(index), depth_m, rng=rng)
         store.write(index, image=image, depth_mm=(1e3 * depth_m).astype(np.float32), lit=np.ones((128, 128), bool))
     return FrameStore.open(store.path)
+
+
+def _train(dataset, out, *, resume=False, limit=4, config=NETWORK, **settings):
+    machine = Machine(accelerator="cpu", tensorboard=False)
+    run = TrainingRun(dataset=dataset, out=out, machine=machine, limit=limit, resume=resume, progress=False)
+    return train_network(NETWORKS.get("ssle-phase"), run, {"config": config, **settings})
 
 
 def _output(depth, log_scale):
@@ -158,15 +162,13 @@ def _overfit(recipe, batch, steps):
 
 def test_command_trains_both_stages_and_refuses_to_overwrite_them(dataset, tmp_path):
     training = replace(TRAINING, reader=replace(SCHEDULE, epochs=1), refiner=replace(SCHEDULE, epochs=1))
-    path = train_ssle_phase(dataset, tmp_path, config=NETWORK, training=training, limit=4, progress=False)
+    path = _train(dataset, tmp_path, training=training)
     assert path == tmp_path / "ssle-phase.safetensors"
     with pytest.raises(OutputError, match="resume"):
-        train_ssle_phase(dataset, tmp_path, config=NETWORK, training=training, limit=4, progress=False)
+        _train(dataset, tmp_path, training=training)
     # A trained reader can be handed over; the whole network holds it unchanged.
     reader = tmp_path / "reader" / "reader.safetensors"
-    other = train_ssle_phase(
-        dataset, tmp_path / "other", config=NETWORK, training=training, reader=reader, limit=4, progress=False
-    )
+    other = _train(dataset, tmp_path / "other", training=training, reader=reader)
     assert not (tmp_path / "other" / "reader").exists()
     recipe = ReaderRecipe(NETWORK, training)
     given, _ = load_weights(reader, recipe.architecture, recipe.network.state_dict())
@@ -176,10 +178,9 @@ def test_command_trains_both_stages_and_refuses_to_overwrite_them(dataset, tmp_p
 
 def test_training_goes_on_from_a_whole_network(dataset, tmp_path):
     training = replace(TRAINING, reader=replace(SCHEDULE, epochs=1), refiner=replace(SCHEDULE, epochs=1, warmup_steps=0))
-    options = {"config": NETWORK, "limit": 2, "progress": False}
-    path = train_ssle_phase(dataset, tmp_path / "first", training=training, **options)
+    path = _train(dataset, tmp_path / "first", training=training, limit=2)
     still = replace(training, refiner=replace(training.refiner, learning_rate=1e-9, final_learning_rate=1e-9))
-    again = train_ssle_phase(dataset, tmp_path / "again", training=still, start=path, **options)
+    again = _train(dataset, tmp_path / "again", training=still, start=path, limit=2)
     assert not (tmp_path / "again" / "reader").exists()
     fresh = ReaderRecipe(NETWORK, training).phase.state_dict()
     before, after = (load_weights(one, NETWORK.architecture, fresh)[0] for one in (path, again))
@@ -188,13 +189,27 @@ def test_training_goes_on_from_a_whole_network(dataset, tmp_path):
     kernel = "refiner.trunk.stem.0.0.weight"
     torch.testing.assert_close(after[kernel], before[kernel], rtol=0.0, atol=1e-6)
     assert float((fresh[kernel] - before[kernel]).abs().max()) > 1e-3
-    with pytest.raises(InvalidValueError, match="none with start"):
-        train_ssle_phase(dataset, tmp_path / "both", training=still, start=path, reader=path, **options)
+    with pytest.raises(WeightsError, match="first stage is 'start"):
+        _train(dataset, tmp_path / "again", training=still, start=again, limit=2, resume=True)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"reader": "a", "reader_epochs": 3},
+        {"start": "a", "reader_epochs": 3},
+        {"start": "a", "reader": "b"},
+    ],
+)
+def test_first_stage_comes_from_one_place(given):
+    paths = {name: value if name == "reader_epochs" else Path(value) for name, value in given.items()}
+    with pytest.raises(InvalidValueError, match="the first stage is trained, read from a file, or part of a whole network"):
+        SslePhaseOptions(**paths)
 
 
 def test_data_set_of_another_size_is_refused(dataset, tmp_path):
     with pytest.raises(InvalidValueError, match=r"\(256, 256\)"):
-        train_ssle_phase(dataset, tmp_path, config=SslePhaseConfig(), training=TRAINING, progress=False)
+        _train(dataset, tmp_path, config=SslePhaseConfig(), training=TRAINING)
 
 
 @pytest.mark.parametrize(

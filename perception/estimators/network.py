@@ -1,0 +1,113 @@
+"""Depth networks as estimators; what tells the valid pixels depends on what the network says beside the depth."""
+
+import math
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from laploop.errors import InvalidValueError
+from laploop.perception.estimators.base import check_image
+from laploop.perception.estimators.freed_memory import keep_freed_memory
+from laploop.perception.geometry import Rig
+from laploop.perception.inference.depth_module import fold_batch_norms
+from laploop.perception.inference.torch_runner import check_device
+from laploop.perception.messages import DepthEstimate
+from laploop.perception.networks.depth_network import DepthNetwork
+
+
+class NetworkEstimator(ABC):
+    """Runs a depth network on one image at a time."""
+
+    def __init__(self, rig: Rig, network: DepthNetwork, *, device: str = "cpu") -> None:
+        """Take over a network, which is put into inference form: normalisations folded, channels last, no gradients.
+
+        Raises:
+            InvalidValueError: If this machine does not have the device.
+        """
+        check_device(device)
+        keep_freed_memory()
+        self._rig = rig
+        self._device = torch.device(device)
+        self._network: Any = network.eval().requires_grad_(requires_grad=False)
+        fold_batch_norms(network)
+        network.to(self._device)
+        # The filters of a rig are computed on the device, with its arithmetic.
+        context = network.context(rig)
+        self._context = () if context is None else (context,)
+        network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def estimate(self, image: NDArray[np.uint8]) -> DepthEstimate:
+        """Estimate z-depth in millimetres and its validity from an image (height, width).
+
+        Raises:
+            InvalidValueError: If the image is not what the rig's camera delivers.
+        """
+        check_image(image, self._rig)
+        with torch.inference_mode():
+            output = self._network(torch.from_numpy(image.astype(np.float32))[None].to(self._device), *self._context)
+            depth_mm: NDArray[np.float32] = output.depth_mm[0].cpu().numpy()
+            valid: NDArray[np.bool_] = self.valid(output)[0].cpu().numpy()
+        return DepthEstimate(depth_mm=depth_mm, valid=valid)
+
+    @abstractmethod
+    def valid(self, output: Any) -> Tensor:
+        """Return where the depth of the network's output is valid, (B, height, width)."""
+
+
+class ScaleEstimator(NetworkEstimator):
+    """Marks valid where the network expects to be near enough: where its Laplace scale is at most `max_scale_mm`."""
+
+    def __init__(self, rig: Rig, network: DepthNetwork, *, max_scale_mm: float = 2.0, device: str = "cpu") -> None:
+        """Take over a network that gives a `log_scale`.
+
+        Raises:
+            InvalidValueError: If `max_scale_mm` is not above 0, or this machine does not have the device.
+        """
+        if not 0.0 < max_scale_mm < math.inf:
+            raise InvalidValueError("max_scale_mm", max_scale_mm, "a finite number above 0")
+        super().__init__(rig, network, device=device)
+        self._max_scale_mm = max_scale_mm
+
+    def valid(self, output: Any) -> Tensor:
+        """Return where the predicted scale is small enough."""
+        small: Tensor = output.log_scale.exp() <= self._max_scale_mm
+        return small
+
+
+class MaskEstimator(NetworkEstimator):
+    """Marks valid where the network gives tissue a probability above one half."""
+
+    def valid(self, output: Any) -> Tensor:
+        """Return where tissue is likelier than not."""
+        tissue: Tensor = output.mask_logit > 0.0
+        return tissue
+
+
+class RangeEstimator(NetworkEstimator):
+    """Marks valid where the depth lies in the range that was trained, for networks without a confidence of their own.
+
+    The paper takes validity from the reference camera, which a running system does not have. The range flags little: where it
+    matters which pixels can be trusted, take an estimator with a confidence.
+    """
+
+    def __init__(
+        self, rig: Rig, network: DepthNetwork, *, range_mm: tuple[float, float] = (40.0, 160.0), device: str = "cpu"
+    ) -> None:
+        """Take over a network; the default range is that of the training data.
+
+        Raises:
+            InvalidValueError: If the range is empty, or this machine does not have the device.
+        """
+        if not 0.0 < range_mm[0] < range_mm[1] < math.inf:
+            raise InvalidValueError("range_mm", range_mm, "0 < nearest < farthest")
+        super().__init__(rig, network, device=device)
+        self._range_mm = range_mm
+
+    def valid(self, output: Any) -> Tensor:
+        """Return where the depth lies in the range."""
+        inside: Tensor = (output.depth_mm >= self._range_mm[0]) & (output.depth_mm <= self._range_mm[1])
+        return inside

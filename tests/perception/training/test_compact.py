@@ -1,0 +1,99 @@
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from laploop.assets.scope_optics import ScopeOptics
+from laploop.assets.stripe_mask import StripeMask
+from laploop.perception.data.frame_store import FrameStore
+from laploop.perception.estimators import make_estimator
+from laploop.perception.network_specs import NETWORKS
+from laploop.perception.networks.compact_unet import CompactOutput
+from laploop.perception.networks.configs import CompactConfig
+from laploop.perception.training.compact import CompactRecipe, laplace_loss
+from laploop.perception.training.run import TrainingRun, train_network
+from laploop.perception.training.samples import Samples, stack
+from laploop.perception.training.settings import CompactTraining, Machine
+
+OPTICS = ScopeOptics(width=128, height=128, mask=StripeMask(stripes=10))
+
+
+@pytest.fixture
+def dataset(tmp_path, small_rig, render):
+    """Eight frames of gently rolling surfaces, and two to validate on."""
+    path = tmp_path / "frames"
+    rng = np.random.default_rng(0)
+    split = np.array([0] * 8 + [1] * 2, np.uint8)
+    store = FrameStore.create(
+        path, optics=OPTICS, tissue_seed=np.arange(10), split=split, tool_in_view=np.zeros(10, bool), config={}
+    )
+    x, y = np.meshgrid(np.linspace(-1, 1, 128), np.linspace(-1, 1, 128))
+    for index in range(10):
+        a, b, c = rng.uniform(0.0, 2.0 * np.pi, 3)
+        depth_m = rng.uniform(0.08, 0.11) + 0.005 * np.sin(3 * x + a) * np.cos(2 * y + b) + 0.003 * np.sin(4 * y + c)
+        image = render(small_rig, depth_m, rng=rng)
+        store.write(index, image=image, depth_mm=(1e3 * depth_m).astype(np.float32), lit=np.ones((128, 128), bool))
+    return FrameStore.open(path)
+
+
+def _settings(**changes):
+    return CompactTraining(**{"epochs": 3, "batch": 4, "warmup_steps": 2, "bfloat16": False, **changes})
+
+
+def test_loss_is_the_laplace_likelihood_plus_the_weighted_error():
+    depth = torch.tensor([[[100.0, 90.0]]])
+    log_scale = torch.tensor([[[0.0, 1.0]]])
+    truth = torch.tensor([[[103.0, 85.0]]])
+    loss = laplace_loss(CompactOutput(turns=depth, depth_mm=depth, log_scale=log_scale), truth, 0.5)
+    assert float(loss.parts["mae_mm"]) == pytest.approx(4.0)
+    by_hand = 0.5 * ((3.0 / 1.0 + 0.0 + 1.5) + (5.0 / math.e + 1.0 + 2.5))
+    assert float(loss.total) == pytest.approx(by_hand, rel=1e-6)
+
+
+def test_pixels_without_truth_have_no_influence():
+    depth = torch.full((1, 2, 2), 100.0, requires_grad=True)
+    truth = torch.tensor([[[101.0, float("nan")], [5.0, 900.0]]])
+    loss = laplace_loss(CompactOutput(turns=depth, depth_mm=depth, log_scale=torch.zeros(1, 2, 2)), truth, 0.0)
+    loss.total.backward()
+    assert float(loss.parts["mae_mm"].detach()) == pytest.approx(1.0)
+    assert torch.count_nonzero(depth.grad) == 1
+
+
+def test_rate_starts_low_peaks_at_its_setting_and_ends_at_a_hundredth():
+    schedule = _settings(epochs=1, learning_rate=1e-3, warmup_steps=9).schedule
+    assert schedule.rate(0, 1000) == pytest.approx(1e-4, rel=0.01)
+    assert schedule.rate(9, 1000) == pytest.approx(1e-3, rel=0.01)
+    assert schedule.rate(1000, 1000) == pytest.approx(1e-5, rel=0.01)
+
+
+def test_short_training_overfits_eight_frames_to_under_a_millimetre(dataset, small_rig):
+    settings = _settings(epochs=24, batch=2, learning_rate=4e-3, gain_range=0.0)
+    recipe = CompactRecipe(small_rig, CompactConfig(widths=(16, 32)), settings)
+    batch = stack(Samples.read(dataset, "train", recipe).rows)
+    optimizer = torch.optim.AdamW(recipe.parameters(), weight_decay=1e-4)
+
+    def error_mm():
+        # In training mode: after so few steps the running statistics are not those of the frames yet.
+        with torch.no_grad():
+            return float((recipe.predict(batch).depth_mm - batch["depth_mm"]).abs().mean())
+
+    before = error_mm()
+    for step in range(96):
+        optimizer.param_groups[0]["lr"] = recipe.schedule.rate(step, 4)
+        rows = slice(2 * (step % 4), 2 * (step % 4) + 2)
+        optimizer.zero_grad()
+        recipe.loss({name: value[rows] for name, value in batch.items()}, step / 96).total.backward()
+        optimizer.step()
+    assert error_mm() < 1.0  # mm, over all pixels, those beyond the lit field included
+    assert error_mm() < 0.3 * before
+
+
+def test_trained_network_of_any_widths_is_an_estimator(dataset, small_rig, tmp_path):
+    run = TrainingRun(dataset=dataset, out=tmp_path, machine=Machine(accelerator="cpu", tensorboard=False), progress=False)
+    settings = {"config": CompactConfig(widths=(8, 16)), "training": _settings(epochs=1)}
+    path = train_network(NETWORKS.get("compact"), run, settings)
+    assert path == tmp_path / "compact.safetensors"
+    assert {file.name for file in tmp_path.iterdir()} >= {"compact.safetensors", "log.csv", "checkpoint.safetensors"}
+    estimate = make_estimator("compact", small_rig, path).estimate(dataset.image(0))
+    assert np.isfinite(estimate.depth_mm).all()
