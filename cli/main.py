@@ -11,7 +11,7 @@ from importlib import import_module
 from importlib.metadata import version
 from types import FrameType
 
-from laploop.errors import InfeasibleError, LaploopError, SimulationError, UnknownNameError
+from laploop.errors import InfeasibleError, LaploopError, SimulationError, UnknownNameError, WorkerError
 
 EXIT_OK = 0
 EXIT_FAILED = 1
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status: int = import_module(f"laploop.cli.commands.{name}").main(rest)
     except LaploopError as error:
         sys.stderr.write(f"laploop{f' {name}' if name in COMMANDS else ''}: {error}\n")
-        return EXIT_FAILED if isinstance(error, SimulationError | InfeasibleError) else EXIT_BAD_INPUT
+        return EXIT_FAILED if isinstance(error, SimulationError | InfeasibleError | WorkerError) else EXIT_BAD_INPUT
     except KeyboardInterrupt:
         sys.stderr.write(f"laploop {name}: interrupted\n")
         return EXIT_INTERRUPTED
