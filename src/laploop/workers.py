@@ -3,12 +3,12 @@
 import os
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait as wait_for
 from typing import TypeVar
 
 from laploop.errors import WorkerError
@@ -50,7 +50,7 @@ def run_in_workers(
         return
     with _starting():
         # Spawned, not forked: neither torch's threads nor Warp's kernels survive a fork.
-        pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_begin, initargs=(os.getpid(), prepare))
+        pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_begin, initargs=(prepare,))
     processes = pool._processes  # noqa: SLF001 - Python 3.14 has `kill_workers`, which spares what the workers started
     try:
         with _starting():
@@ -63,10 +63,10 @@ def run_in_workers(
             if waiting is not None:
                 waiting()
     except BaseException as error:
-        for process in list(processes.values()):
-            # The worker's process group; there is none before the worker has made it.
+        for group, process in list(processes.items()):
+            # A worker that is still starting has no group of its own yet.
             with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
+                os.killpg(group, signal.SIGKILL)
             process.kill()
         if isinstance(error, BrokenProcessPool):
             raise WorkerError(
@@ -90,30 +90,27 @@ def _starting() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def follow_parent(parent: int) -> None:
+def follow_parent() -> None:
     """End this process, and whatever it starts, as soon as its parent has ended, in whatever way.
 
-    The process gets a group of its own, and leaves Ctrl-C and the handlers of signals to its parent.
-
-    Args:
-        parent: Process id of the parent, which may already have ended.
+    For a process that `multiprocessing` started. It gets a process group of its own, and leaves Ctrl-C to its parent.
     """
     signal.set_wakeup_fd(-1)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with suppress(PermissionError):  # Raised for the leader of a session, which has its own group already.
-        os.setpgid(0, 0)
-    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    os.setpgid(0, 0)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
-def _end_with(parent: int) -> None:
-    # Linux could send a signal on the parent's death (PR_SET_PDEATHSIG), but to this process alone.
-    while os.getppid() == parent:
-        time.sleep(_POLL_S)
-    os.killpg(os.getpgrp(), signal.SIGKILL)
+def _end_with_parent() -> None:
+    parent = parent_process()
+    if parent is not None:
+        # Linux could send a signal on the parent's death (PR_SET_PDEATHSIG), but to this process alone.
+        wait_for([parent.sentinel])
+        os.killpg(os.getpgrp(), signal.SIGKILL)
 
 
-def _begin(parent: int, prepare: Callable[[], None] | None) -> None:
-    follow_parent(parent)
+def _begin(prepare: Callable[[], None] | None) -> None:
+    follow_parent()
     if prepare is not None:
         prepare()
