@@ -1,11 +1,11 @@
-"""What an episode records, the protocol of a recorder, and the simplest recorders.
+"""What an episode records, what a recorder receives, and the simplest recorders.
 
 Nobody writes to a record's arrays once it is made: a recorder may keep them without a copy.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,10 +74,10 @@ class TickRecord:
     """Lateral force of the wall around each trocar on its shaft; keys are `ARM_NAMES`, empty where there are no trocars."""
 
 
-class Recorder(Protocol):
+class Recorder:
     """Receives an episode: `begin`, then records in the order of time, then `close`.
 
-    A subclass need only define the methods it is interested in; the others do nothing.
+    A subclass defines the methods it is interested in; the others do nothing.
     """
 
     def begin(self, theatre: "Theatre", rig: Rig) -> None:

@@ -19,7 +19,7 @@ def quiet_warp() -> Iterator[None]:
     wp.config.log_level = max(before, wp.LOG_ERROR)
     try:
         with _without_driver_warning():
-            wp.init()
+            wp.get_devices()
         yield
     finally:
         wp.config.log_level = before
