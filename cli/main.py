@@ -3,21 +3,23 @@
 Only the subcommand that was asked for is imported, so that `laploop --help` is quick.
 """
 
+import errno
 import os
 import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
-from types import FrameType
+from pathlib import Path
 
-from laploop.errors import InfeasibleError, LaploopError, SimulationError, UnknownNameError
+from laploop.cli.stop_signals import STOP_SIGNALS, stop_signals
+from laploop.cli.streams import patient_streams
+from laploop.errors import InfeasibleError, LaploopError, MissingFileError, SimulationError, UnknownNameError, WorkerError
 
 EXIT_OK = 0
 EXIT_FAILED = 1
 """The command did not do what it was asked."""
 EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130
 
 
 COMMANDS = {
@@ -25,7 +27,7 @@ COMMANDS = {
     "export": "write a depth network as ONNX",
     "run": "run one closed-loop episode; recording, figure, summary",
     "trials": "run many episodes, one a seed; success rate and error table",
-    "tasks": "run every task over many seeds; what is as asked, in a table",
+    "tasks": "run every task over many seeds; which meets its targets",
     "bench": "measure every stage of the loop on this machine",
     "collect": "collect stripe frames paired with a reference camera's depth",
     "synthesize": "render stripe frames with exact depth, for training",
@@ -44,9 +46,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: What follows `laploop`; None takes the process's own.
 
     Returns:
-        Exit status: 0 done, 1 not done, 2 bad input, 130 interrupted.
+        Exit status: 0 done, 1 not done, 2 bad input, 130 interrupted, 143 terminated.
     """
-    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    with patient_streams() as (out, error):
+        status = _run(list(sys.argv[1:] if arguments is None else arguments))
+        out.flush()
+        # A reader that left, such as `head`, has seen enough.
+        if out.error is not None and not isinstance(out.error, BrokenPipeError):
+            error.write(f"laploop: cannot write to the standard output: {out.error.strerror}\n")
+            status = status or EXIT_FAILED
+        error.flush()
+        return status
+
+
+def _run(arguments: list[str]) -> int:
     if not arguments or arguments[0] in {"-h", "--help", "help"}:
         (sys.stdout if arguments else sys.stderr).write(_help())
         return EXIT_OK if arguments else EXIT_BAD_INPUT
@@ -54,26 +67,53 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.write(f"laploop {version('laploop')}\n")
         return EXIT_OK
     name, rest = arguments[0], arguments[1:]
-    try:
-        if name not in COMMANDS:
-            raise UnknownNameError("command", name, COMMANDS)
-        signal.signal(signal.SIGTERM, _interrupt)
-        # The loop's matrices are small: OpenBLAS's threads gain nothing on them, and where the cores are busy they wait for
-        # each other so long that a product takes ten times as long. Must be set before numpy is imported.
-        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        status: int = import_module(f"laploop.cli.commands.{name}").main(rest)
-    except LaploopError as error:
-        sys.stderr.write(f"laploop{f' {name}' if name in COMMANDS else ''}: {error}\n")
-        return EXIT_FAILED if isinstance(error, SimulationError | InfeasibleError) else EXIT_BAD_INPUT
-    except KeyboardInterrupt:
-        sys.stderr.write(f"laploop {name}: interrupted\n")
-        return EXIT_INTERRUPTED
+    if name not in COMMANDS:
+        sys.stderr.write(f"laploop: {UnknownNameError('command', name, COMMANDS)}\n")
+        return EXIT_BAD_INPUT
+    # The loop's matrices are small: OpenBLAS's threads gain nothing on them, and where the cores are busy they wait for
+    # each other so long that a product takes ten times as long. Must be set before numpy is imported.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with stop_signals(f"laploop {name}") as received:
+        try:
+            _require_working_folder()
+            status: int = import_module(f"laploop.cli.commands.{name}").main(rest)
+        except BaseException as error:
+            if isinstance(error, SystemExit) and not received:
+                return error.code if isinstance(error.code, int) else EXIT_FAILED if error.code else EXIT_OK
+            outcome = _outcome(error, received)
+            if outcome is None:
+                raise
+            message, status = outcome
+            lines = [message, *getattr(error, "__notes__", ())]
+            sys.stderr.write(f"laploop {name}: {'; '.join(' '.join(line.split()) for line in lines)}\n")
     return status
 
 
-def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    """Let a termination take the same way out as Ctrl-C, which leaves nothing half-written."""
-    raise KeyboardInterrupt
+def _outcome(error: BaseException, received: Sequence[int]) -> tuple[str, int] | None:
+    """Return what to say of an error, in one line, and the exit status; None for a mistake of ours."""
+    if received:
+        return STOP_SIGNALS[signal.Signals(received[0])], 128 + received[0]
+    if isinstance(error, KeyboardInterrupt):
+        return STOP_SIGNALS[signal.SIGINT], 128 + signal.SIGINT
+    if isinstance(error, LaploopError):
+        ours = isinstance(error, SimulationError | InfeasibleError | WorkerError) or _is_fault(error.__cause__)
+        return str(error), EXIT_FAILED if ours else EXIT_BAD_INPUT
+    if isinstance(error, OSError):
+        place = f"{error.filename}: " if error.filename else ""
+        return f"{place}{error.strerror or error}", EXIT_FAILED if _is_fault(error) else EXIT_BAD_INPUT
+    return ("out of memory", EXIT_FAILED) if isinstance(error, MemoryError) else None
+
+
+def _is_fault(error: BaseException | None) -> bool:
+    """Return whether the machine failed, rather than that it was given a bad path."""
+    return isinstance(error, OSError) and error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.ENOMEM}
+
+
+def _require_working_folder() -> None:
+    try:
+        Path.cwd()
+    except FileNotFoundError as error:
+        raise MissingFileError("working folder", os.environ.get("PWD", "."), "change to one that exists") from error
 
 
 def _help() -> str:
@@ -88,9 +128,9 @@ def _help() -> str:
             "commands:",
             *lines,
             "",
-            "`laploop <command> --help` lists a command's options; `laploop --version` tells the version.",
+            "`laploop <command> --help` lists a command's options; `laploop --version` shows the version.",
             "Every command writes its artefacts into DIR and, last, DIR/summary.json.",
-            "Exit status: 0 done, 1 could not do it, 2 bad input, 130 interrupted.",
+            "Exit status: 0 done, 1 could not do it, 2 bad input, 130 interrupted, 143 terminated.",
             "",
         ]
     )

@@ -3,17 +3,20 @@
 import dataclasses
 import json
 import math
+import os
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
 from typing import Any, Self
 
 import numpy as np
+from filelock import FileLock, Timeout
 
-from laploop.errors import LaploopError, OutputError
+from laploop.errors import OutputError
+from laploop.whole_file import whole_file
 
 SUMMARY = "summary.json"
 
@@ -21,50 +24,58 @@ _VERSIONED = ("laploop", "mujoco", "warp-lang", "torch", "pin", "pin-pink", "num
 
 
 class OutputFolder:
-    """An output folder, checked for writing before any work is done.
+    """An output folder, checked for writing and locked against other commands before any work is done.
 
-    An artefact is written under a hidden name and renamed when it is complete. A summary that an earlier run left is removed
-    as soon as the first artefact of this run is in place: a folder with a summary always holds what the summary tells. If the
-    block of this context manager raises, artefacts that were complete stay; a folder made in vain is removed.
+    A summary that an earlier run left is removed as soon as the first artefact of this run is in place: a folder with a summary
+    always holds what the summary tells. If the block of this context manager raises, artefacts that were complete stay; a
+    folder made in vain is removed.
     """
 
     def __init__(self, path: Path | str, command: str) -> None:
-        """Make the folder where it does not exist, and try to write in it.
+        """Make the folder where it does not exist, lock it, and remove what a killed command left half-written.
 
         Args:
             path: The folder.
             command: Name of the command, for the summary.
 
         Raises:
-            OutputError: If the folder cannot be made or written.
+            OutputError: If the folder cannot be made or written, or another command is writing to it.
         """
-        self.path = Path(path).expanduser()
         self.command = command
         self._begin = time.perf_counter()
         self._made: list[Path] = []
         self._artefacts: list[str] = []
         try:
+            self.path = Path(path).expanduser()
+        except RuntimeError as error:
+            raise OutputError(f"cannot write {path}: {error}") from error
+        self._lock_path = self.path / ".laploop.lock"
+        self._lock = FileLock(self._lock_path)
+        try:
             missing = [folder for folder in (self.path, *self.path.parents) if not folder.exists()]
             for folder in reversed(missing):
                 folder.mkdir(exist_ok=True)
                 self._made.append(folder)
-            probe = self.path / ".laploop-probe"
-            try:
-                probe.write_bytes(b"x")
-            finally:
-                probe.unlink(missing_ok=True)
+            if not _joins_another_process(command):
+                self._lock.acquire(blocking=False)
+                for partial in self.path.glob(".*.partial"):
+                    if partial.is_file():
+                        partial.unlink()
+        except Timeout as error:
+            raise OutputError(f"{self.path} is in use by another laploop command; choose another --out or wait") from error
         except OSError as error:
-            self._remove_made()
-            raise _output_error(self.path, error) from error
+            self._release()
+            raise OutputError(
+                f"cannot write {self.path}: {error.strerror or error}; choose another --out or make it writable"
+            ) from error
 
     def __enter__(self) -> Self:
         """Return the folder."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Remove the folder if it was made for this run, the run failed, and nothing was saved."""
-        if kind is not None:
-            self._remove_made()
+        """Unlock the folder; remove it if it was made for this run, the run failed, and nothing was saved."""
+        self._release()
 
     @contextmanager
     def artefact(self, name: str) -> Iterator[Path]:
@@ -73,21 +84,23 @@ class OutputFolder:
         Raises:
             OutputError: If the system refuses to write, because the disk is full for example.
         """
-        final = self.path / name
-        partial = final.with_name(f".{final.name}.partial")
-        try:
-            final.parent.mkdir(parents=True, exist_ok=True)
-            yield partial
+        with whole_file(self.path / name) as path:
+            yield path
             if name != SUMMARY:
                 self.forget_summary()
-            partial.replace(final)
-            self._artefacts.append(name)
-        except OSError as error:
-            if isinstance(error, LaploopError) or error.filename not in {None, str(partial)}:
-                raise
-            raise _output_error(final, error) from error
+        self._artefacts.append(name)
+
+    @contextmanager
+    def own_artefact(self, name: str) -> Iterator[Path]:
+        """Give the path of an artefact whose writer hides it until it is whole, and may keep it when the block raises."""
+        path = self.path / name
+        before = path.stat().st_ino if path.exists() else None
+        try:
+            yield path
         finally:
-            partial.unlink(missing_ok=True)
+            if path.exists() and path.stat().st_ino != before:
+                self.forget_summary()
+                self._artefacts.append(name)
 
     def forget_summary(self) -> None:
         """Remove the summary of an earlier run; for commands whose artefacts are not written through `artefact`."""
@@ -121,7 +134,12 @@ class OutputFolder:
         self.write_text(SUMMARY, json.dumps(summary, indent=2, allow_nan=False) + "\n")
         return summary
 
-    def _remove_made(self) -> None:
+    def _release(self) -> None:
+        """Give the lock back with its file, and remove the folders made for it that hold nothing."""
+        if self._lock.is_locked:
+            with suppress(OSError):
+                self._lock_path.unlink(missing_ok=True)
+            self._lock.release()
         for folder in reversed(self._made):
             try:
                 folder.rmdir()
@@ -129,9 +147,10 @@ class OutputFolder:
                 return
 
 
-def _output_error(path: Path, error: OSError) -> OutputError:
-    reason = error.strerror or str(error)
-    return OutputError(f"cannot write {path}: {reason}; choose another --out or make it writable")
+def _joins_another_process(command: str) -> bool:
+    """Return whether this is a further process of a distributed training, which writes where the first one does."""
+    ranks = ("RANK", "LOCAL_RANK", "NODE_RANK", "SLURM_PROCID")
+    return command == "train" and any(os.environ.get(rank, "0") != "0" for rank in ranks)
 
 
 def versions() -> dict[str, str]:

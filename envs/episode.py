@@ -159,7 +159,7 @@ def run_episode(
 
     Args:
         config: What to run.
-        recorder: Told everything; closed if the episode ends as it should.
+        recorder: Receives everything, and is closed at the end, however the episode ends.
         progress: Called with the simulated seconds so far, every control period.
         estimator: Used instead of the one that `config.perception` names.
         controller: Used instead of the scripted one. A command that is not finite makes the arm hold for that period.
@@ -192,12 +192,11 @@ def run_episode(
             if progress is not None:
                 progress(info["sim_s"])
         wall_s = time.perf_counter() - begin_wall
-        summary = _summary(config, env, infos, (info["sim_s"] - begin_sim) / wall_s)
-        if recorder is not None:
-            recorder.close()
-        return summary
+        return _summary(config, env, infos, (info["sim_s"] - begin_sim) / wall_s)
     finally:
         env.close()
+        if recorder is not None:
+            recorder.close()
 
 
 def _summary(config: EpisodeConfig, env: TaskEnv[Any], infos: list[dict[str, Any]], real_time_factor: float) -> dict[str, Any]:

@@ -1,9 +1,7 @@
 """Renders the frames that networks learn from, of many tissues, with exact depth."""
 
-import multiprocessing
-import signal
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, field, fields
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +20,7 @@ from laploop.perception.geometry import Rig
 from laploop.studies.scenes.frame_conditions import CameraPose, FrameRanges, draw_camera, draw_optics, draw_tool
 from laploop.studies.scenes.hard_conditions import ill_exposure, place_large_tool
 from laploop.studies.scenes.training_scene import TrainingScene
+from laploop.workers import run_in_workers
 
 _TISSUE_STREAM = 71
 """Keeps the tissues' random numbers apart from those of theatres, whose seeds are small integers too."""
@@ -114,25 +113,12 @@ def render_training_frames(config: TrainingFramesConfig, out: Path, *, progress:
     tissues = sorted({int(index) // config.frames_per_tissue for index in todo})
     with Progress(console=Console(stderr=True), disable=not progress) as bar:
         task = bar.add_task("frames", total=len(store), completed=len(store) - len(todo))
-        if config.workers == 1:
-            for tissue in tissues:
-                bar.update(task, advance=_render_tissue(config, out, tissue))
-        elif tissues:
-            context = multiprocessing.get_context("spawn")
-            with ProcessPoolExecutor(config.workers, context, initializer=_end_quietly_on_interrupt) as pool:
-                jobs = [pool.submit(_render_tissue, config, out, tissue) for tissue in tissues]
-                try:
-                    for job in as_completed(jobs):
-                        bar.update(task, advance=job.result())
-                except BaseException:
-                    pool.shutdown(wait=False, cancel_futures=True)
-                    raise
+
+        def rendered(_tissue: int, frames: int) -> None:
+            bar.update(task, advance=frames)
+
+        run_in_workers(partial(_render_tissue, config, out), tissues, config.workers, rendered)
     return out
-
-
-def _end_quietly_on_interrupt() -> None:
-    """Let Ctrl-C end a worker at once and without a word: the main process has one."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _open_or_create(config: TrainingFramesConfig, out: Path) -> FrameStore:

@@ -20,8 +20,8 @@ from laploop.envs.recording.recorder import STAGES, CompositeRecorder, Recorder
 class RunArguments:
     """Run one closed-loop episode with the scripted controller.
 
-    Writes `episode.png`, `recording.rrd` (open it with `rerun DIR/recording.rrd`) and `summary.json`. The exit status tells
-    whether the episode could be run; whether it ended in success stands in the summary.
+    Writes `episode.png`, `recording.rrd` (open it with `rerun DIR/recording.rrd`) and `summary.json`. The exit status is 0 when
+    the episode ran to its end, with or without success; an episode that is interrupted leaves its recording up to then.
     """
 
     episode: Annotated[EpisodeConfig, tyro.conf.arg(name="")] = field(default_factory=EpisodeConfig)
@@ -42,7 +42,8 @@ def main(arguments: Sequence[str]) -> int:
             if chosen.rerun:
                 from laploop.envs.recording.rerun_recorder import RerunRecorder
 
-                recorders.append(stack.enter_context(RerunRecorder(stack.enter_context(folder.artefact("recording.rrd")))))
+                path = stack.enter_context(folder.own_artefact("recording.rrd"))
+                recorders.append(stack.enter_context(RerunRecorder(path)))
             with progress_bar("simulated seconds", config.duration_s()) as advance_to:
                 results = run_episode(config, CompositeRecorder(recorders), advance_to)
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.envs.recording.recorder import DepthRecord, FrameRecord, TickRecord
+from laploop.envs.recording.recorder import DepthRecord, Recorder, TickRecord
 from laploop.perception.geometry import Rig
 
 if TYPE_CHECKING:
@@ -15,11 +15,11 @@ MAX_KEPT = 16
 """Depth records kept at most (0.7 MB each at 256x256)."""
 
 
-class EpisodeLog:
+class EpisodeLog(Recorder):
     """A recorder that keeps every tick and a few evenly spaced depth records.
 
     How long an episode lasts is known only at its end, so depth records are kept at a stride that doubles whenever
-    `MAX_KEPT` of them are held; the newest is always at hand.
+    `MAX_KEPT` of them are held; the newest is always kept.
     """
 
     def __init__(self) -> None:
@@ -31,11 +31,6 @@ class EpisodeLog:
         self._depth_count = 0
         self._newest: DepthRecord | None = None
 
-    @property
-    def depth_count(self) -> int:
-        """How many depth frames arrived, kept or not."""
-        return self._depth_count
-
     def begin(self, theatre: "Theatre", rig: Rig) -> None:  # noqa: ARG002 (the recorder protocol names it)
         """Remember the rig."""
         self.rig = rig
@@ -43,9 +38,6 @@ class EpisodeLog:
     def tick(self, record: TickRecord) -> None:
         """Keep a tick."""
         self.ticks.append(record)
-
-    def frame(self, record: FrameRecord) -> None:
-        """Ignore a frame; the depth record made from it holds its image."""
 
     def depth(self, record: DepthRecord) -> None:
         """Keep the record if it falls on the stride."""
@@ -57,9 +49,6 @@ class EpisodeLog:
                 self._kept.append(record)
         self._newest = record
         self._depth_count += 1
-
-    def close(self) -> None:
-        """Do nothing."""
 
     def key_depths(self) -> tuple[DepthRecord, ...]:
         """Return the first, the middle and the last depth record; fewer, without repetition, when fewer arrived."""
@@ -76,7 +65,7 @@ class EpisodeLog:
         return np.array([tick.now_ns * 1e-9 for tick in self.ticks], dtype=np.float64)
 
     def series(self, name: str) -> NDArray[np.float64]:
-        """Return one quantity of all ticks, (n,), in the unit that its name ends in; NaN where there was none.
+        """Return one quantity at all ticks, (n,), in the unit that its name ends in; NaN where it was not measured.
 
         Args:
             name: A number of `TickRecord`, as `contact_force_n`, or one key of a mapping in it, as `rcm_error_mm/tool`.

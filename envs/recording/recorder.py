@@ -1,13 +1,11 @@
-"""What an episode tells whoever listens: the records, the protocol of a recorder, and the recorders that need nothing.
+"""What an episode records, what a recorder receives, and the simplest recorders.
 
-The arrays in a record belong to it: whoever makes one hands them over and does not write to them again, so that a recorder
-may keep them without a copy. `laploop.envs.recording.episode_log.EpisodeLog` keeps an episode in memory,
-`laploop.envs.recording.rerun_recorder.RerunRecorder` writes it to a Rerun file.
+Nobody writes to a record's arrays once it is made: a recorder may keep them without a copy.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +25,7 @@ STAGES = ("physics", "render", "perception", "control", "record")
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrameRecord:
-    """The camera has just captured a frame; once a camera period."""
+    """A frame that the camera has just captured; one each camera period."""
 
     now_ns: int
     frame: StripeFrame
@@ -39,7 +37,7 @@ class FrameRecord:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DepthRecord:
-    """A depth frame has become available to its consumers."""
+    """A depth frame that has just become available to its consumers."""
 
     now_ns: int
     depth: DepthFrame
@@ -62,9 +60,9 @@ class TickRecord:
 
     now_ns: int
     target_error_mm: float
-    """Distance from where the tip should be (touching the true target point) to where it is."""
+    """Distance from the tip to where it should be, touching the true target point."""
     target_in_world: NDArray[np.float64]
-    """(3,), metres: the true target point on the tissue now."""
+    """(3,), metres: where the true target point on the tissue is now."""
     rcm_error_mm: Mapping[str, float]
     """Distance of each trocar from its shaft's axis by the simulator's state; keys are `ARM_NAMES`."""
     contact_force_n: float
@@ -76,50 +74,33 @@ class TickRecord:
     """Lateral force of the wall around each trocar on its shaft; keys are `ARM_NAMES`, empty where there are no trocars."""
 
 
-class Recorder(Protocol):
-    """Listens to one episode: `begin`, then records in the order of time, then `close`."""
+class Recorder:
+    """Receives an episode: `begin`, then records in the order of time, then `close`.
+
+    A subclass defines the methods it is interested in; the others do nothing.
+    """
 
     def begin(self, theatre: "Theatre", rig: Rig) -> None:
         """Learn the scene. The theatre is at time 0 with fresh kinematics; it may be read at every later record."""
-        ...
 
     def tick(self, record: TickRecord) -> None:
         """Take a control tick."""
-        ...
 
     def frame(self, record: FrameRecord) -> None:
         """Take a captured frame; the theatre's kinematics are those of the capture."""
-        ...
 
     def depth(self, record: DepthRecord) -> None:
         """Take a depth frame that has just arrived."""
-        ...
 
     def close(self) -> None:
-        """Finish an episode that ended as it should; harmless when called again. Not called when the episode failed."""
-        ...
+        """Finish, however the episode ended; harmless when called again."""
 
 
-class NullRecorder:
+class NullRecorder(Recorder):
     """Records nothing."""
 
-    def begin(self, theatre: "Theatre", rig: Rig) -> None:
-        """Ignore the scene."""
 
-    def tick(self, record: TickRecord) -> None:
-        """Ignore a control tick."""
-
-    def frame(self, record: FrameRecord) -> None:
-        """Ignore a frame."""
-
-    def depth(self, record: DepthRecord) -> None:
-        """Ignore a depth frame."""
-
-    def close(self) -> None:
-        """Do nothing."""
-
-
-class CompositeRecorder:
+class CompositeRecorder(Recorder):
     """Hands everything to several recorders, in their order."""
 
     def __init__(self, recorders: Sequence[Recorder]) -> None:

@@ -10,7 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
-from laploop.envs.recording.recorder import STAGES, DepthRecord, FrameRecord, TickRecord
+from laploop.envs.recording.recorder import STAGES, DepthRecord, FrameRecord, Recorder, TickRecord
 from laploop.envs.recording.rerun_blueprint import ERROR_RANGE_MM, PLOTS, episode_blueprint, legend
 from laploop.envs.recording.rerun_scene import DrawnBody, VertexNormals, body_quaternions, drawn_bodies, log_shapes
 from laploop.errors import InvalidValueError, OutputError
@@ -39,11 +39,12 @@ _TROCAR_RADIUS_M = 0.011
 """A little more than that of the modelled rings."""
 
 
-class RerunRecorder:
-    """A recorder that writes a Rerun recording (`.rrd`) with its blueprint.
+class RerunRecorder(Recorder):
+    """Writes a Rerun recording (`.rrd`) with its blueprint.
 
     Everything goes to a hidden file beside `path`, which gets its name when the recorder is closed: `path` never holds half
-    a recording. As a context manager it closes at the end of the block and leaves nothing behind when the block raises.
+    a recording. As a context manager it closes at the end of the block, also when the block raises: what was recorded until
+    then is kept, and a note on the error says so.
     Nothing opens a window or a socket.
 
     Entities: `world/...` in metres (arms, instrument, stage, wall, `trocars`, `tissue`, `surface`: the reconstruction
@@ -92,23 +93,22 @@ class RerunRecorder:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None) -> None:
-        """Keep the recording, or drop it if the block raised."""
-        if kind is None:
-            self.close()
-        else:
-            self.discard()
+        """Close the recording; the note on an error that ends the block says where it is."""
+        self.close()
+        if error is not None and self._theatre is not None:
+            error.add_note(f"the recording up to then is kept in {self.path}")
 
     def begin(self, theatre: "Theatre", rig: Rig) -> None:
         """Log everything that does not change, and the blueprint."""
         from matplotlib import colormaps
 
         stream, model = self._stream, theatre.model
-        self._theatre = theatre
         colors = colormaps["Spectral"](np.linspace(0.0, 1.0, _NO_ERROR))[:, :3]
         self._error_colors = (np.vstack([colors, np.zeros(3)]) * 255).astype(np.uint8)
         self._rays_in_camera = rig.camera.rays[::_POINT_STRIDE, ::_POINT_STRIDE].copy()
         look_at = theatre.tissue.surface_points().mean(axis=0)
         stream.save(self._partial, default_blueprint=episode_blueprint(look_at))
+        self._theatre = theatre
 
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         stream.log("legend", rr.TextDocument(legend(rig), media_type=rr.MediaType.MARKDOWN), static=True)
@@ -167,7 +167,7 @@ class RerunRecorder:
             self._depth_range = _depth_range_mm(record.exact_depth_mm)
 
     def depth(self, record: DepthRecord) -> None:
-        """Log a depth frame, the truth that belongs to it, its error, and the surface that it says is there."""
+        """Log a depth frame, its truth, its error, and the surface reconstructed from it."""
         self._begun()
         self._at(record.now_ns, record.depth.index)
         if self._depth_range is None:
@@ -182,7 +182,7 @@ class RerunRecorder:
         self._log_surface(record, error)
 
     def close(self) -> None:
-        """Send what is left and give the recording its name.
+        """Send what is left and give the recording its name; a recorder that never began leaves nothing.
 
         Raises:
             OutputError: If the recording did not get to the disk as a whole.
@@ -190,22 +190,17 @@ class RerunRecorder:
         if self._closed:
             return
         self._closed = True
-        self._send_batch()
-        self._stream.disconnect()
-        # Rerun writes in a thread of its own, which only logs when the disk refuses.
         try:
-            with warnings.catch_warnings(action="error"):
-                RrdReader(self._partial).recordings()
-        except (RuntimeError, Warning) as error:
-            self._partial.unlink(missing_ok=True)
+            if self._theatre is not None:
+                self._send_batch()
+            self._stream.disconnect()
+            if self._theatre is not None:
+                _verify(self._partial)
+                self._partial.replace(self.path)
+        except (OSError, RuntimeError, Warning) as error:
             raise OutputError(f"cannot write {self.path}: the recording broke off; is the disk full?") from error
-        self._partial.replace(self.path)
-
-    def discard(self) -> None:
-        """Stop, and remove what was written."""
-        self._closed = True
-        self._stream.disconnect()
-        self._partial.unlink(missing_ok=True)
+        finally:
+            self._partial.unlink(missing_ok=True)
 
     def _begun(self) -> "tuple[Theatre, VertexNormals]":
         if self._theatre is None or self._normals_of is None:
@@ -291,12 +286,25 @@ class RerunRecorder:
             self._stream.send_columns(f"plots/{series}", [_times([now_ns for now_ns, _ in samples])], columns)
 
 
+def _verify(path: Path) -> None:
+    """Read a recording: Rerun writes it in a thread of its own, which only logs that the disk refuses.
+
+    Raises:
+        RuntimeError, Warning: If it cannot be read to its end.
+    """
+    with warnings.catch_warnings(action="error"):
+        reader = RrdReader(path)
+        reader.recordings()
+        for _ in reader.stream():
+            pass
+
+
 def _times(now_ns: list[int]) -> rr.TimeColumn:
     return rr.TimeColumn(TIMELINE, duration=np.array(now_ns, dtype="timedelta64[ns]"))
 
 
 def _depth_range_mm(exact_depth_mm: NDArray[np.float32]) -> tuple[float, float]:
-    """Choose what the colours of depth and truth span: the first frame's depths with room for the tissue's motion."""
+    """Choose the range of the colours of depth and truth: the first frame's depths, widened for the tissue's motion."""
     if not np.isfinite(exact_depth_mm).any():
         return 50.0, 150.0
     near, far = np.nanpercentile(exact_depth_mm, [1.0, 99.0])

@@ -79,6 +79,10 @@ class SimulationError(LaploopError, RuntimeError):
     """The physics became invalid (NaN, a MuJoCo warning, an impossible start)."""
 
 
+class WorkerError(LaploopError, RuntimeError):
+    """Worker processes that cannot be started, or one that died."""
+
+
 class InfeasibleError(LaploopError, RuntimeError):
     """A control problem without a solution inside the limits."""
 

@@ -1,14 +1,9 @@
 """Collects stripe frames paired with captures of the reference camera, as the automated program of the paper does."""
 
 import hashlib
-import multiprocessing
-import os
-import signal
-import threading
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, wait
+from collections.abc import Callable
 from dataclasses import replace
-from multiprocessing.connection import wait as wait_for
+from functools import partial
 from pathlib import Path
 
 from laploop.errors import OutputError
@@ -17,11 +12,10 @@ from laploop.perception.data.pair_store import PairStore
 from laploop.studies.acquisition.config import AcquisitionConfig
 from laploop.studies.acquisition.station import collect_tissue, reference_optics
 from laploop.studies.calibration.run import CalibrationConfig, calibrate_bench
+from laploop.workers import run_in_workers
 
 Report = Callable[[int], None]
 """Is told how many pairs are done so far."""
-
-_POLL_S = 0.5
 
 
 def collect_pairs(
@@ -56,8 +50,12 @@ def collect_pairs(
     elif config.workers == 1:
         for tissue in tissues:
             collect_tissue(config, out, tissue, lambda: report(store.count_done()))
-    elif tissues:
-        _collect_with_processes(config, out, tissues, lambda: report(store.count_done()))
+    else:
+
+        def written(*_: int) -> None:
+            report(store.count_done())
+
+        run_in_workers(partial(collect_tissue, config, out), tissues, config.workers, written, waiting=written)
     report(store.count_done())
     return out
 
@@ -96,34 +94,6 @@ def open_or_create(
         tool_in_view=config.tool_in_view,
         config=recipe,
     )
-
-
-def _collect_with_processes(config: AcquisitionConfig, out: Path, tissues: Sequence[int], written: Callable[[], None]) -> None:
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(config.workers, context, initializer=_follow_main_process) as pool:
-        waiting = {pool.submit(collect_tissue, config, out, tissue) for tissue in tissues}
-        try:
-            while waiting:
-                finished, waiting = wait(waiting, timeout=_POLL_S)
-                for job in finished:
-                    job.result()
-                written()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _follow_main_process() -> None:
-    """Let Ctrl-C end a worker at once and without a word, and let it not outlive a main process that was killed."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    threading.Thread(target=_end_with_main_process, daemon=True).start()
-
-
-def _end_with_main_process() -> None:
-    main = multiprocessing.parent_process()
-    if main is not None:
-        wait_for([main.sentinel])
-        os._exit(1)
 
 
 def calibration_config(config: AcquisitionConfig) -> CalibrationConfig:

@@ -71,7 +71,7 @@ def run_task_table(
 
     Raises:
         LaploopError: If something is wrong that every episode would meet.
-        SimulationError: If a worker process died.
+        WorkerError: If the worker processes cannot be started, or one of them dies.
         OutputError: If a folder cannot be made.
     """
     found: dict[str, list[Row]] = {}

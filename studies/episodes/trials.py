@@ -5,14 +5,11 @@ import io
 import json
 import math
 import os
-import signal
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from importlib.metadata import version
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +18,7 @@ from numpy.typing import NDArray
 
 from laploop.envs.episode import EpisodeConfig, run_episode
 from laploop.errors import InfeasibleError, InvalidValueError, OutputError, SimulationError
+from laploop.workers import run_in_workers
 
 Row = dict[str, Any]
 
@@ -89,19 +87,21 @@ def run_trials(
 
     Raises:
         LaploopError: If something is wrong that every episode would meet, as missing weights.
-        SimulationError: If a worker process died.
+        WorkerError: If the worker processes cannot be started, or one of them dies.
     """
-    run = run or run_trial
     folder = out / ROWS_FOLDER
     rows = {episode.seed: row for episode in config.episodes() if (row := _kept_row(folder, episode)) is not None}
     missing = [episode for episode in config.episodes() if episode.seed not in rows]
     if progress is not None:
         progress(len(rows))
-    for episode, row in _run_all(missing, config.workers, run):
+
+    def keep(episode: EpisodeConfig, row: Row) -> None:
         rows[episode.seed] = row
         _keep_row(folder, episode, row)
         if progress is not None:
             progress(len(rows))
+
+    run_in_workers(run or run_trial, missing, config.workers, keep, prepare=partial(_share_cores, config.workers))
     return [rows[seed] for seed in sorted(rows)]
 
 
@@ -247,33 +247,10 @@ def _worst(rows: Sequence[Row], name: str) -> float | None:
     return float(values.max()) if values.size else None
 
 
-def _run_all(
-    episodes: Sequence[EpisodeConfig], workers: int, run: Callable[[EpisodeConfig], Row]
-) -> Iterator[tuple[EpisodeConfig, Row]]:
-    """Yield each episode with its row as soon as it is there."""
-    if workers == 1:
-        for episode in episodes:
-            yield episode, run(episode)
-        return
-    threads = max(1, (os.cpu_count() or 1) // workers)
-    # Spawned, not forked: neither torch's threads nor Warp's kernels survive a fork.
-    pool = ProcessPoolExecutor(workers, get_context("spawn"), initializer=_prepare_worker, initargs=(threads,))
-    try:
-        futures = {pool.submit(run, episode): episode for episode in episodes}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    except BrokenProcessPool as error:
-        raise SimulationError("a worker process died; the rows that were finished are kept, run again to go on") from error
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-def _prepare_worker(threads: int) -> None:
-    """Share the cores among the workers, and let Ctrl-C end them without a word: the main process has one."""
+def _share_cores(workers: int) -> None:
     import torch  # slow to import
 
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    torch.set_num_threads(threads)
+    torch.set_num_threads(max(1, (os.cpu_count() or 1) // workers))
 
 
 def _plain(episode: EpisodeConfig) -> dict[str, Any]:

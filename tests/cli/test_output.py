@@ -1,10 +1,14 @@
 import dataclasses
 import json
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from laploop.cli.main import main
 from laploop.cli.output import OutputFolder, plain
 from laploop.errors import MissingFileError, OutputError
 
@@ -33,11 +37,11 @@ def test_summary_tells_command_config_seed_versions_time_and_artefacts(tmp_path)
     assert summary["success"] is True
 
 
-@pytest.mark.parametrize("where", ["a_file", "a_file/below", "/proc/laploop/x"])
+@pytest.mark.parametrize("where", ["a_file", "a_file/below", "/proc/laploop/x", "x" * 256, "~nosuchuser/x"])
 def test_folder_that_cannot_be_written_is_refused_before_any_work(tmp_path, where):
     (tmp_path / "a_file").write_text("")
     with pytest.raises(OutputError, match="cannot write"):
-        OutputFolder(tmp_path / where, "run")
+        OutputFolder(where if where.startswith("~") else tmp_path / where, "run")
     assert names(tmp_path) == ["a_file"]
 
 
@@ -83,16 +87,87 @@ def test_old_summary_goes_with_the_first_new_artefact(tmp_path):
     assert names(tmp_path) == ["new.txt"]
 
 
+def test_artefact_that_its_writer_keeps_on_failure_takes_the_old_summary_with_it(tmp_path):
+    (tmp_path / "summary.json").write_text("{}")
+
+    def command():
+        with OutputFolder(tmp_path, "run") as folder, folder.own_artefact("recording") as path:
+            path.write_text("what there is")
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        command()
+    assert names(tmp_path) == ["recording"]
+
+
+def test_artefact_that_its_writer_did_not_touch_leaves_the_old_summary(tmp_path):
+    (tmp_path / "summary.json").write_text("{}")
+    (tmp_path / "recording").write_text("earlier")
+    with pytest.raises(KeyError), OutputFolder(tmp_path, "run") as folder, folder.own_artefact("recording"):
+        raise KeyError
+    assert names(tmp_path) == ["recording", "summary.json"]
+
+
+def test_what_a_killed_command_left_half_written_is_removed_at_the_next_start(tmp_path):
+    for name in (".recording.rrd.partial", ".laploop.lock", "mine.partial"):
+        (tmp_path / name).write_text("half")
+    with OutputFolder(tmp_path, "run") as folder:
+        folder.write_text("new.txt", "new")
+    assert names(tmp_path) == ["mine.partial", "new.txt"]
+
+
+def test_folder_is_locked_while_it_is_open(tmp_path):
+    with OutputFolder(tmp_path, "run"), pytest.raises(OutputError, match="in use by another laploop command"):
+        OutputFolder(tmp_path, "trials")
+    with OutputFolder(tmp_path, "trials"):
+        pass
+    assert names(tmp_path) == []
+
+
+def test_further_processes_of_one_training_share_its_folder(tmp_path, monkeypatch):
+    with OutputFolder(tmp_path, "train"):
+        monkeypatch.setenv("LOCAL_RANK", "1")
+        with OutputFolder(tmp_path, "train") as folder:
+            folder.write_text("new.txt", "new")
+        with pytest.raises(OutputError, match="in use"):
+            OutputFolder(tmp_path, "run")
+
+
+@pytest.mark.parametrize("command", ["run", "trials"])
+def test_second_command_on_a_folder_is_refused_in_one_line_until_the_first_is_gone(tmp_path, capsys, command):
+    options = [command, "--perception", "oracle", "--seconds", "60", "--out", str(tmp_path)]
+    first = subprocess.Popen([Path(sys.executable).with_name("laploop"), *options], stderr=subprocess.DEVNULL)  # noqa: S603
+    try:
+        while not (tmp_path / ".laploop.lock").exists():
+            assert first.poll() is None
+            time.sleep(0.05)
+        before = names(tmp_path)
+        assert main(options) == 2
+        assert capsys.readouterr().err.count("\n") == 1
+        assert set(before) <= set(names(tmp_path))
+    finally:
+        first.kill()
+        first.wait()
+    with OutputFolder(tmp_path, command):
+        assert not list(tmp_path.glob(".*.partial"))
+
+
 def test_full_disk_is_an_output_error_that_names_the_artefact(tmp_path):
-    folder = OutputFolder(tmp_path, "run")
-    with pytest.raises(OutputError, match=r"table\.csv: No space left"), folder.artefact("table.csv"):
+    with (
+        pytest.raises(OutputError, match=r"table\.csv: No space left"),
+        OutputFolder(tmp_path, "run") as folder,
+        folder.artefact("table.csv"),
+    ):
         raise OSError(28, "No space left on device")
     assert names(tmp_path) == []
 
 
 def test_errors_that_are_not_about_the_artefact_pass_through(tmp_path):
-    folder = OutputFolder(tmp_path, "run")
-    with pytest.raises(MissingFileError, match="weights"), folder.artefact("table.csv"):
+    with (
+        pytest.raises(MissingFileError, match="weights"),
+        OutputFolder(tmp_path, "run") as folder,
+        folder.artefact("table.csv"),
+    ):
         raise MissingFileError("weights", "w.safetensors", "train them")
 
 

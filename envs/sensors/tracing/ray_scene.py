@@ -1,6 +1,7 @@
 """A scene's triangles on a Warp device, with the tree that rays walk through."""
 
 import contextlib
+import os
 from collections.abc import Iterator
 from typing import Any
 
@@ -15,12 +16,32 @@ from laploop.errors import InvalidValueError
 def quiet_warp() -> Iterator[None]:
     """Keep Warp's greeting and its notes about compiling to itself inside the block."""
     before = wp.config.log_level
-    # Even the warning level would remark that there is no CUDA driver, which is as it should be on a machine without GPU.
     wp.config.log_level = max(before, wp.LOG_ERROR)
     try:
+        with _without_driver_warning():
+            wp.get_devices()
         yield
     finally:
         wp.config.log_level = before
+
+
+@contextlib.contextmanager
+def _without_driver_warning() -> Iterator[None]:
+    """Hold back the line that Warp's library prints where there is no GPU, and no other; no option turns it off."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    standard_error = os.dup(2)
+    os.dup2(writer, 2)
+    os.close(writer)
+    try:
+        yield
+    finally:
+        os.dup2(standard_error, 2)
+        os.close(standard_error)
+        with os.fdopen(reader, "rb") as printed:
+            lines = [line for line in printed if b"Could not find or load the NVIDIA CUDA driver" not in line]
+        if lines:
+            os.write(2, b"".join(lines))
 
 
 def open_device(name: str) -> wp.Device:

@@ -1,5 +1,8 @@
 import json
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import mujoco
@@ -8,7 +11,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from laploop.assets.scope_optics import ScopeOptics
-from laploop.envs.recording.recorder import CompositeRecorder, DepthRecord, FrameRecord, NullRecorder, TickRecord
+from laploop.envs.recording.recorder import CompositeRecorder, DepthRecord, FrameRecord, NullRecorder, Recorder, TickRecord
 from laploop.envs.recording.rerun_recorder import DEPTH_UNITS_PER_M, RerunRecorder
 from laploop.envs.recording.rerun_scene import VertexNormals
 from laploop.errors import InvalidValueError, OutputError
@@ -139,6 +142,12 @@ def column(path, entity, name):
     return sorted(rows, key=lambda row: row[0])
 
 
+def assert_whole(path):
+    """Let Rerun's own tool check every message and the footer of a recording."""
+    rerun = Path(sys.executable).with_name("rerun")
+    subprocess.run([str(rerun), "rrd", "verify", str(path)], check=True, capture_output=True)  # noqa: S603 - installed with us
+
+
 def test_every_promised_entity_is_in_the_recording(tmp_path):
     record_episode(tmp_path / "episode.rrd")
     entities = {chunk.entity_path for chunk in chunks_of(tmp_path / "episode.rrd")}
@@ -244,16 +253,36 @@ def test_nothing_has_the_final_name_before_close(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["episode.rrd"]
 
 
-def test_an_episode_that_fails_leaves_nothing(tmp_path):
+@pytest.mark.parametrize("error", [KeyError, KeyboardInterrupt])
+def test_an_episode_that_fails_keeps_its_recording_up_to_then_and_says_so(tmp_path, error):
+    path = tmp_path / "episode.rrd"
+
     def episode():
-        with RerunRecorder(tmp_path / "episode.rrd") as recorder:
+        with RerunRecorder(path) as recorder:
             recorder.begin(SmallTheatre(), RIG)
             recorder.frame(frame_record(0))
+            recorder.tick(tick_record(0))
+            raise error
+
+    with pytest.raises(error) as raised:
+        episode()
+    assert raised.value.__notes__ == [f"the recording up to then is kept in {path}"]
+    assert [entry.name for entry in tmp_path.iterdir()] == ["episode.rrd"]
+    assert_whole(path)
+    assert len(column(path, "/plots/force_n/force", "Scalars:scalars")) == 1
+
+
+def test_an_episode_that_fails_before_it_begins_leaves_nothing_and_an_earlier_recording_alone(tmp_path):
+    (tmp_path / "episode.rrd").write_bytes(b"earlier")
+
+    def episode():
+        with RerunRecorder(tmp_path / "episode.rrd"):
             raise KeyError
 
-    with pytest.raises(KeyError):
+    with pytest.raises(KeyError) as raised:
         episode()
-    assert not list(tmp_path.iterdir())
+    assert not hasattr(raised.value, "__notes__")
+    assert [entry.read_bytes() for entry in tmp_path.iterdir()] == [b"earlier"]
 
 
 def test_a_recording_that_broke_off_is_refused(tmp_path):
@@ -291,7 +320,7 @@ def test_record_before_begin_is_a_mistake(tmp_path):
 def test_composite_passes_everything_on_in_order():
     calls = []
 
-    class Spy(NullRecorder):
+    class Spy(Recorder):
         def __init__(self, name):
             self.name = name
 
@@ -309,6 +338,16 @@ def test_composite_passes_everything_on_in_order():
     composite.depth(depth_record(0))
     composite.close()
     assert calls == [("a", "tick", record), ("b", "tick", record), ("a", "close"), ("b", "close")]
+
+
+def test_null_recorder_takes_everything_and_keeps_nothing():
+    recorder = NullRecorder()
+    recorder.begin(SmallTheatre(), RIG)
+    recorder.frame(frame_record(0))
+    recorder.depth(depth_record(0))
+    recorder.tick(tick_record(0))
+    recorder.close()
+    assert not vars(recorder)
 
 
 def test_vertex_normals_of_a_tilted_square_are_those_of_its_plane():

@@ -1,6 +1,4 @@
 import json
-from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,28 +30,6 @@ def row_for(episode):
         "real_time_factor": 0.5,
     }
     return trials.row_of(episode.seed, summary)
-
-
-class DyingPool:
-    """A process pool whose second job takes its process down."""
-
-    def __init__(self, *_arguments, **_options):
-        self.jobs = 0
-
-    def submit(self, run, episode):
-        self.jobs += 1
-        future = Future()
-        if self.jobs > 1:
-            future.set_exception(BrokenProcessPool())
-            return future
-        try:
-            future.set_result(run(episode))
-        except LaploopError as error:
-            future.set_exception(error)
-        return future
-
-    def shutdown(self, **_options):
-        pass
 
 
 def test_rows_come_in_the_order_of_seeds(tmp_path):
@@ -112,29 +88,12 @@ def test_failed_episode_is_a_row_without_success_and_is_tried_again(tmp_path, mo
     assert row["success"]
 
 
-def test_worker_that_dies_is_reported_and_what_was_finished_is_kept(tmp_path, monkeypatch):
-    config = TrialsConfig(episode=EPISODE, seeds=2, workers=2)
-    with monkeypatch.context() as patch:
-        patch.setattr(trials, "ProcessPoolExecutor", DyingPool)
-        patch.setattr(trials, "as_completed", list)
-        with pytest.raises(SimulationError, match="worker process died"):
-            run_trials(config, tmp_path, run=row_for)
-    seen = []
-    alone = replace(config, workers=1)
-    assert len(run_trials(alone, tmp_path, run=lambda episode: seen.append(episode.seed) or row_for(episode))) == 2
-    assert seen == [1]
-
-
-@pytest.mark.parametrize("workers", [1, 2])
-def test_error_that_every_episode_would_meet_stops_the_trials(tmp_path, monkeypatch, workers):
+def test_error_that_every_episode_would_meet_stops_the_trials(tmp_path):
     def without_weights(_episode):
         raise MissingFileError("weights", "compact.safetensors", "train them")
 
-    monkeypatch.setattr(trials, "ProcessPoolExecutor", DyingPool)
-    monkeypatch.setattr(trials, "as_completed", list)
-    config = TrialsConfig(episode=EPISODE, seeds=2, workers=workers)
     with pytest.raises(LaploopError, match="weights not found at compact"):
-        run_trials(config, tmp_path, run=without_weights)
+        run_trials(TrialsConfig(episode=EPISODE, seeds=2), tmp_path, run=without_weights)
 
 
 def test_damaged_row_is_named(tmp_path):

@@ -1,0 +1,66 @@
+"""How SIGTERM and Ctrl-C stop a command."""
+
+import os
+import select
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from types import FrameType
+
+STOP_SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+"""What a command says that one of them stopped."""
+
+_GRACE_S = 4.0
+
+
+@contextmanager
+def stop_signals(name: str) -> Iterator[list[int]]:
+    """Let SIGTERM take the same way out as Ctrl-C, a `KeyboardInterrupt`, which leaves nothing half-written.
+
+    A call into a library may hold that up, or swallow it: after four seconds the process ends in any case.
+
+    Args:
+        name: What to call the command then.
+
+    Yields:
+        The signals received so far.
+    """
+    received: list[int] = []
+
+    def stop(number: int, _frame: FrameType | None) -> None:
+        received.append(number)
+        if len(received) == 1:
+            raise KeyboardInterrupt
+
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    handlers = {number: signal.signal(number, stop) for number in STOP_SIGNALS}
+    # Written by the C level of Python at once, even while a library's call keeps the handler waiting.
+    wakeup = signal.set_wakeup_fd(writer, warn_on_full_buffer=False)
+    threading.Thread(target=_end_in_time, args=(reader, name), daemon=True).start()
+    try:
+        yield received
+    finally:
+        signal.set_wakeup_fd(wakeup)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        os.close(writer)
+
+
+def _end_in_time(reader: int, name: str) -> None:
+    """End the process some seconds after a stop signal was written to the pipe, unless the pipe is closed before."""
+    with os.fdopen(reader, "rb", buffering=0) as numbers:
+        while number := numbers.read(1):
+            if number[0] in STOP_SIGNALS:
+                break
+        else:
+            return
+        deadline = time.monotonic() + _GRACE_S
+        while select.select([numbers], [], [], max(0.0, deadline - time.monotonic()))[0]:
+            if not numbers.read(1):
+                return
+    with suppress(OSError):
+        os.write(2, f"{name}: {STOP_SIGNALS[signal.Signals(number[0])]}\n".encode())
+    os._exit(128 + number[0])
