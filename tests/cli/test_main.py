@@ -1,6 +1,5 @@
 import subprocess
 import sys
-import time
 from importlib.metadata import version
 
 import pytest
@@ -32,14 +31,11 @@ def test_help_lists_every_command(capsys):
     assert all(f"  {name} " in out for name in COMMANDS)
 
 
-def test_help_is_quick_because_nothing_heavy_is_imported():
+def test_help_imports_nothing_heavy():
     code = (
         "import sys; from laploop.cli.main import main; main(['--help']); print('heavy', {'torch', 'mujoco'} & {*sys.modules})"
     )
-    begin = time.perf_counter()
     done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
-    # Takes 0.1 s; the bound leaves room for a busy machine.
-    assert time.perf_counter() - begin < 5.0
     assert "heavy set()" in done.stdout
 
 
