@@ -85,12 +85,15 @@ def test_joint_acceleration_is_limited_while_tracking(tool):
     config = replace(RcmControllerConfig(), max_joint_acceleration_radps2=0.5)
     controller = RcmController(tool.model, tool.trocar_in_world, config)
     controller.reset(tool.home_q)
-    previous = np.zeros(6)
+    previous, changes = np.zeros(6), []
     for _ in range(40):
         _, qdot = controller.step([0.0, 0.05, 0.0], DT)
         if controller.last_status is not RcmStatus.HELD:
-            assert np.abs(qdot - previous).max() <= 0.5 * DT + 1e-6  # rad/s, the solver's primal tolerance
+            changes.append(np.abs(qdot - previous).max())
         previous = qdot
+    # rad/s, the solver's primal tolerance; the wish is large enough for the limit to be what decides.
+    assert len(changes) > 20
+    assert max(changes) == pytest.approx(0.5 * DT, abs=1e-6)
 
 
 def test_insertion_stops_at_its_limit(tool):

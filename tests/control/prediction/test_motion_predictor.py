@@ -1,5 +1,4 @@
 import math
-import time
 
 import numpy as np
 import pytest
@@ -272,22 +271,6 @@ def test_same_stream_gives_the_same_bits_also_after_a_reset():
     for captured_ns, measured in stream(breathing_and_beating, seconds=15.0, noise=0.0001):
         predictor.update(measured, captured_ns)
     assert predictor.predict(last_ns + 100_000_000) == first
-
-
-def test_tick_and_update_are_short():
-    predictor, last_ns = trained()
-    ticks, updates = [], []
-    for k in range(1, 200):
-        captured_ns = last_ns + k * FRAME_NS
-        begun = time.perf_counter()
-        predictor.update(float(breathing_and_beating(captured_ns * 1e-9)), captured_ns)
-        middle = time.perf_counter()
-        predictor.predict(captured_ns + 100_000_000)
-        ticks.append(time.perf_counter() - middle)
-        updates.append(middle - begun)
-    # Seconds. Quartiles, because the machine is shared; 0.02 and 0.14 ms measured.
-    assert np.quantile(ticks, 0.25) < 0.1e-3
-    assert np.quantile(updates, 0.25) < 0.5e-3
 
 
 def test_held_measurement_is_the_newest():

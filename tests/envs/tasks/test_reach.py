@@ -88,11 +88,44 @@ def test_the_tip_follows_the_action_along_the_cameras_axes(env):
 
 
 def test_the_error_is_the_distance_from_an_ideal_touch(env):
-    env.reset(seed=5)
-    theatre = env.loop.theatre
-    distance = np.linalg.norm(theatre.tip_in_world() - env.target_in_world()) * 1e3
-    # An ideal touch lies one ball radius (1.5 mm) above the target point.
-    assert abs(env.target_error_mm() - distance) <= 1.5
+    _, info = env.reset(seed=5)
+    theatre, target = env.loop.theatre, env.surface_target()
+    points = theatre.tissue.surface_points()
+    # An ideal touch lies one ball radius (1.5 mm) above the target point along the normal there.
+    ideal = target.position(points) + 0.0015 * target.normal(points)
+    distance = np.linalg.norm(theatre.tip_in_world() - ideal) * 1e3
+    assert info["target_error_mm"] == env.target_error_mm() == pytest.approx(distance)
+    # The tip comes from above, so that forgetting the ball would add most of its radius.
+    assert np.linalg.norm(theatre.tip_in_world() - target.position(points)) * 1e3 > distance + 0.5
+
+
+def test_the_scripted_controller_succeeds_once_it_has_held_the_tip_on_the_target(task_env, run_task):
+    env = task_env("reach")
+    infos = run_task(env, seed=3)
+    last, errors = infos[-1], np.array([info["target_error_mm"] for info in infos])
+    assert (last["terminated_by"], last["success"]) == ("success", True)
+    assert not any(info["success"] for info in infos[:-1])
+    # 0.3 s are 37.5 ticks of 8 ms: the first whole number of them, each within 1.5 mm, and the tick before them was not.
+    assert (errors[-38:] <= 1.5).all()
+    assert errors[-39] > 1.5
+    assert last["reward_terms"]["success"] == 10.0
+    # With exact depth of tissue at rest the ball comes to lie within a tenth of a millimetre of where it should.
+    assert errors[-1] < 0.2
+    assert env.assessed(infos) == infos[-38:]
+
+
+def test_leaving_the_target_starts_the_hold_over(task_env, monkeypatch):
+    env = task_env("reach")
+    # 30 ticks within the radius, one out of it, and again: success comes 38 ticks after the one outside.
+    errors = iter([9.0, *[1.4] * 30, 1.6, *[1.5] * 60])
+    monkeypatch.setattr(ReachEnv, "target_error_mm", lambda _: next(errors))
+    env.reset(seed=3)
+    ticks, terminated = 0, False
+    while not terminated:
+        *_, terminated, truncated, info = env.step(np.zeros(3, np.float32))
+        ticks += 1
+        assert not truncated
+    assert (ticks, info["terminated_by"]) == (30 + 1 + 38, "success")
 
 
 def test_the_target_is_the_tissue_under_the_chosen_pixel(env):

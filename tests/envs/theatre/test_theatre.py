@@ -112,7 +112,7 @@ def test_reset_brings_back_the_same_bits(theatre):
     assert not theatre.data.qvel.any()
 
 
-def test_time_is_a_whole_number_of_nanoseconds_after_many_steps():
+def test_periods_are_whole_numbers_of_nanoseconds_and_of_steps():
     assert TheatreConfig(seed=0, timestep_s=0.002).timestep_ns == 2_000_000
     assert TheatreConfig(seed=0).control_steps == 4
 

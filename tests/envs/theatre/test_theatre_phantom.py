@@ -1,7 +1,5 @@
 """A user's closed surface as tissue: at rest, seen, touched, and in its place, as the built-in one is."""
 
-import time
-
 import numpy as np
 import pytest
 import trimesh
@@ -64,18 +62,13 @@ def test_it_stands_at_the_working_distance_and_hardly_sags(config, solid):
     assert theatre.tissue.top_vertex_count == theatre.tissue.top_triangles.max() + 1
 
 
-def test_it_stays_at_rest_for_two_seconds_without_a_warning_at_a_fair_price(config):
+def test_it_stays_at_rest_for_two_seconds_without_a_warning(config):
     theatre = Theatre(config)
-    seconds = []
     for _ in range(1000):
-        begin = time.perf_counter()
         # `step` raises on any warning.
         theatre.step()
-        seconds.append(time.perf_counter() - begin)
     # m/s: slower than any sensor could see.
     assert np.abs(theatre.data.qvel).max() < 1e-5
-    # A busy machine may take twice the 3 ms that are promised; the fastest tenth may not.
-    assert np.quantile(seconds, 0.1) < 0.003
 
 
 def test_camera_sees_tissue_with_smooth_normals_in_the_middle(config):

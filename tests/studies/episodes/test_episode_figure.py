@@ -4,6 +4,7 @@ import pytest
 from laploop.envs.recording.episode_log import EpisodeLog
 from laploop.envs.recording.recorder import DepthRecord, TickRecord
 from laploop.perception.messages import DepthEstimate, DepthFrame
+from laploop.studies.episodes import episode_figure
 from laploop.studies.episodes.episode_figure import draw_episode
 
 SUMMARY = {
@@ -60,8 +61,24 @@ def test_episode_without_a_valid_pixel_gives_a_figure(tmp_path):
     assert (tmp_path / "episode.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("ended", ["success", "time", "force"])
-def test_every_outcome_has_a_title(tmp_path, ended):
-    summary = {**SUMMARY, "terminated_by": ended, "motion": "still"}
+@pytest.mark.parametrize(
+    ("changes", "outcome"),
+    [
+        ({"terminated_by": "success"}, "target reached"),
+        ({"terminated_by": "time"}, "time ran out"),
+        ({"terminated_by": "time", "success": True}, "solved to the end"),
+        ({"terminated_by": "force"}, "stopped: force"),
+        ({"terminated_by": "success", "task": "palpate"}, "solved"),
+    ],
+)
+def test_the_title_tells_the_outcome(tmp_path, monkeypatch, changes, outcome):
+    titles, page = [], episode_figure.figure_page
+
+    def titled(path, *, title, **size):
+        titles.append(title)
+        return page(path, title=title, **size)
+
+    monkeypatch.setattr(episode_figure, "figure_page", titled)
+    summary = {**SUMMARY, "motion": "still", **changes}
     draw_episode(episode_log(1, 5), summary, tmp_path / "episode.png")
-    assert (tmp_path / "episode.png").exists()
+    assert titles == [f"{summary['task']}  |  compact  |  tissue still  |  seed 3  |  {outcome}, final error 0.62 mm"]

@@ -1,0 +1,213 @@
+"""The order of a step, the arrival of frames and their ages, in a whole loop with exact depth."""
+
+from itertools import pairwise
+
+import mujoco
+import numpy as np
+import pytest
+
+from laploop.envs.loop import closed_loop
+from laploop.envs.loop.clock_rates import ClockRates
+from laploop.envs.loop.closed_loop import LoopConfig
+from laploop.envs.loop.faults import Fault
+from laploop.envs.loop.kinematic_errors import KinematicErrors
+from laploop.envs.loop.latency import ConstantLatency
+from laploop.envs.loop.perception_server import PerceptionServer
+from laploop.envs.loop.proprioception import Proprioception
+from laploop.envs.sensors.stripe_camera import StripeCamera
+from laploop.envs.tasks.reach import ReachEnv
+from laploop.envs.theatre.theatre import Theatre
+from laploop.errors import InvalidValueError, SimulationError
+
+MS = 1_000_000
+STILL = np.zeros(3)
+
+
+def watch(monkeypatch, kind, method, seen):
+    """Call `seen(self)` before a method of a class runs."""
+    original = getattr(kind, method)
+
+    def wrapped(self, *arguments, **named):
+        seen(self)
+        return original(self, *arguments, **named)
+
+    monkeypatch.setattr(kind, method, wrapped)
+
+
+def test_a_step_is_physics_then_poses_then_proprioception_then_capture_then_arrival(task_env, monkeypatch):
+    # A camera period of 2.5 control periods: every other frame is captured in the middle of one.
+    env = task_env("reach", loop=LoopConfig(rates=ClockRates(camera_ns=20 * MS)))
+    env.reset(seed=3)
+    events = []
+    for kind, method, name in (
+        (Theatre, "set_joint_targets", "command"),
+        (Theatre, "step", "physics"),
+        (Theatre, "refresh", "poses"),
+        (Proprioception, "after_physics_step", "proprioception"),
+        (StripeCamera, "capture", "capture"),
+        (PerceptionServer, "poll", "arrival"),
+    ):
+        watch(monkeypatch, kind, method, lambda _, name=name: events.append(name))
+    begin_ns = env.loop.now_ns
+    for _ in range(5):
+        env.loop.advance(STILL)
+    expected = []
+    for step in range(1, 21):
+        due = (begin_ns + step * 2 * MS) % (20 * MS) == 0
+        last = step % 4 == 0
+        expected += ["command"] if step % 4 == 1 else []
+        expected += ["physics"] + ["poses"] * (due or last) + ["proprioception"] + ["capture"] * due + ["arrival"]
+    assert events == expected
+    assert events.count("capture") == 2
+
+
+def test_a_frame_shows_the_theatre_as_it_is_and_not_a_step_before(task_env, monkeypatch):
+    env = task_env("look", loop=LoopConfig(rates=ClockRates(camera_ns=20 * MS)))
+    env.reset(seed=3)
+    lags = []
+
+    def compare(camera):
+        theatre = env.loop.theatre
+        fresh = mujoco.MjData(theatre.model)
+        mujoco.mj_copyData(fresh, theatre.model, theatre.data)
+        mujoco.mj_forward(theatre.model, fresh)
+        lags.append(np.abs(fresh.site_xpos - theatre.data.site_xpos).max())
+
+    watch(monkeypatch, StripeCamera, "capture", compare)
+    for _ in range(10):
+        env.step(np.array([0.0, 0.0, 0.03], np.float32))
+    assert len(lags) == 4
+    # Metres. A step of 2 ms at 30 mm/s would show as 60 um.
+    assert max(lags) < 1e-12
+
+
+def test_frames_are_captured_once_a_camera_period_and_carry_the_pose_of_that_time(task_env):
+    env = task_env("look")
+    env.reset(seed=3)
+    loop, poses, served = env.loop, {}, []
+    for _ in range(15):
+        served += loop.advance(STILL, np.array([0.01, 0.0, 0.02]))
+        poses[loop.now_ns] = loop.theatre.world_from_camera()
+    assert loop.frame_count == 1 + loop.now_ns // (40 * MS) == 5
+    assert [one.depth.captured_ns for one in served] == [40 * MS, 80 * MS, 120 * MS]
+    for one in served[1:]:
+        np.testing.assert_array_equal(one.depth.world_from_camera, poses[one.depth.captured_ns])
+    assert np.linalg.norm(served[2].depth.world_from_camera - served[1].depth.world_from_camera) > 5e-4
+
+
+def test_depth_ages_until_the_next_frame_has_been_transferred_and_served(task_env):
+    env = task_env("reach", loop=LoopConfig(latency=ConstantLatency(latency_ns=36 * MS), transfer_ns=12 * MS))
+    _, info = env.reset(seed=3)
+    # The frame of time 0 is there at 12 + 36 = 48 ms, at the end of a control period, and seen in it.
+    assert (info["sim_s"], info["depth_age_ms"]) == (0.048, 48.0)
+    ages = [env.step(STILL)[-1]["depth_age_ms"] for _ in range(10)]
+    # The next, of 40 ms, comes at 88 ms, again at the end of a period.
+    assert ages == [56.0, 64.0, 72.0, 80.0, 48.0, 56.0, 64.0, 72.0, 80.0, 48.0]
+
+
+def test_a_frame_that_is_ready_after_a_control_tick_waits_for_the_next(task_env):
+    env = task_env("reach", loop=LoopConfig(latency=ConstantLatency(latency_ns=48 * MS + 1)))
+    _, info = env.reset(seed=3)
+    # A nanosecond too late for the tick at 48 ms.
+    assert (info["sim_s"], info["depth_age_ms"]) == (0.056, 56.0)
+
+
+def test_before_the_first_frame_has_arrived_there_is_none(task_env, monkeypatch):
+    known = []
+    watch(monkeypatch, ReachEnv, "choose_target", lambda env: known.append(env.loop.control_input(np.zeros(2))))
+    env = task_env("reach")
+    env.reset(seed=3)
+    assert [(one.now_ns, one.depth) for one in known] == [(0, None)]
+    assert env.control_input().depth is not None
+
+
+def test_a_slow_perception_serves_the_newest_frame_and_drops_those_it_overtook(task_env):
+    env = task_env("reach", loop=LoopConfig(latency=ConstantLatency(latency_ns=100 * MS)))
+    env.reset(seed=3)
+    loop, served = env.loop, [env.loop.newest_served]
+    for _ in range(40):
+        served += loop.advance(STILL)
+    # Served one after the other, each the newest when its turn comes: at 100 ms the frame of 80, at 200 that of 200 itself.
+    assert [one.depth.captured_ns // MS for one in served] == [0, 80, 200, 280]
+    assert [one.depth.available_ns // MS for one in served] == [100, 200, 300, 400]
+    # Of eleven frames until 400 ms four have arrived and the last is being served.
+    assert loop.frame_count == 11
+    assert loop.dropped_frames == 6
+    assert loop.newest_served is served[-1]
+
+
+def test_a_frame_that_arrives_after_a_newer_one_is_dropped(task_env):
+    fault = Fault(kind="late-frame", start_s=0.08, end_s=0.2)
+    env = task_env("reach", loop=LoopConfig(faults=(fault,)))
+    env.reset(seed=3)
+    loop, served = env.loop, [env.loop.newest_served]
+    for _ in range(25):
+        served += loop.advance(STILL)
+        assert loop.newest_served is served[-1]
+    # The frame of 80 ms comes at 200 ms, when that of 160 ms is there.
+    assert [one.depth.captured_ns // MS for one in served] == [0, 40, 120, 160, 200]
+    assert loop.dropped_frames == 1
+
+
+def test_the_force_of_a_period_is_the_worst_and_the_mean_of_its_steps(task_env, monkeypatch):
+    env = task_env("reach")
+    env.reset(seed=3)
+    newtons = iter([1.0, 4.0, 2.0, 3.0, 0.5, 0.5, 0.5, 0.5])
+    force = [0.0]
+    watch(monkeypatch, Theatre, "step", lambda _: force.__setitem__(0, next(newtons)))
+    monkeypatch.setattr(Theatre, "contact_force_in_world", lambda _: np.array([0.0, 0.6, -0.8]) * force[0])
+    env.loop.advance(STILL)
+    assert (env.loop.max_force_n, env.loop.mean_force_n) == pytest.approx((4.0, 2.5))
+    env.loop.advance(STILL)
+    assert (env.loop.max_force_n, env.loop.mean_force_n) == pytest.approx((0.5, 0.5))
+
+
+def test_the_trocar_errors_of_a_period_are_the_worst_of_its_steps(task_env, monkeypatch):
+    env = task_env("reach")
+    env.reset(seed=3)
+    errors = {"camera": iter([1e-4, 3e-4, 2e-4, 0.0]), "tool": iter([5e-4, 1e-4, 1e-4, 1e-4])}
+    arms = {env.loop.theatre.camera_arm.name: "camera", env.loop.theatre.tool_arm.name: "tool"}
+    monkeypatch.setattr(Theatre, "rcm_error_m", lambda _, arm: next(errors[arms[arm.name]]))
+    *_, info = env.step(STILL)
+    assert info["rcm_error_mm"] == pytest.approx({"camera": 0.3, "tool": 0.5})
+
+
+def test_a_controller_feels_the_force_along_the_axes_of_the_camera_that_it_believes_in(task_env, monkeypatch):
+    env = task_env("reach", loop=LoopConfig(kinematic_errors=KinematicErrors(hand_eye_rad=0.1)))
+    env.reset(seed=3)
+    down = np.array([0.0, 0.0, -10.0])
+    monkeypatch.setattr(Theatre, "contact_force_in_world", lambda _: down)
+    for _ in range(3):
+        env.loop.advance(STILL)
+    known = env.control_input()
+    nominal, true = env.loop.scope.world_from_camera(), env.loop.theatre.world_from_camera()
+    np.testing.assert_allclose(known.contact_force_in_camera, nominal[:3, :3].T @ down, atol=1e-9)
+    np.testing.assert_allclose(known.world_from_camera, nominal, atol=1e-12)
+    # The two cameras are turned by about 0.17 rad, root sum square of three axes; 10 N then differ by a newton or more.
+    assert np.linalg.norm(known.contact_force_in_camera - true[:3, :3].T @ down) > 0.5
+    assert known.contact_force_n == pytest.approx(10.0)
+
+
+def test_time_runs_in_whole_control_periods(task_env):
+    env = task_env("reach")
+    env.reset(seed=3)
+    times = [env.loop.now_ns]
+    for _ in range(6):
+        env.loop.advance(STILL)
+        times.append(env.loop.now_ns)
+    assert {later - earlier for earlier, later in pairwise(times)} == {8 * MS}
+
+
+def test_a_perception_that_never_answers_is_an_error(task_env, monkeypatch):
+    monkeypatch.setattr(closed_loop, "MAX_WAIT_NS", 60 * MS)
+    env = task_env("reach", loop=LoopConfig(latency=ConstantLatency(latency_ns=200 * MS)))
+    with pytest.raises(SimulationError, match="no depth frame arrived"):
+        env.reset(seed=3)
+
+
+def test_a_closed_loop_that_was_closed_does_not_go_on(task_env):
+    env = task_env("reach")
+    env.reset(seed=3)
+    env.loop.close()
+    with pytest.raises(InvalidValueError, match="closed"):
+        env.loop.advance(STILL)
