@@ -59,9 +59,14 @@ def save_weights(
 
 
 def load_weights(
-    path: Path, architecture: Mapping[str, object], expected: Mapping[str, Tensor]
+    path: Path, architecture: Mapping[str, object], expected: Mapping[str, Tensor] | None = None
 ) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Read tensors that fit `expected` (a state dict of the network that will take them), and their notes.
+    """Read tensors and their notes.
+
+    Args:
+        path: A file that `save_weights` wrote.
+        architecture: What the file must describe.
+        expected: A state dict of the network that will take the tensors, which must fit; None takes any.
 
     Raises:
         MissingFileError: If there is no such file.
@@ -71,7 +76,7 @@ def load_weights(
         metadata = dict(file.metadata() or {})
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
         described = json.loads(metadata.get("architecture", "null"))
-    wanted = architecture_hash(architecture, expected)
+    wanted = architecture_hash(architecture, tensors if expected is None else expected)
     if metadata.get("architecture_hash") != wanted or architecture_hash(architecture, tensors) != wanted:
         found = difference(described, architecture) or "its tensors have other names, shapes or types"
         raise WeightsError(f"{path} holds weights of another architecture: {found}")
