@@ -1,4 +1,6 @@
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -60,6 +62,69 @@ def test_train_does_not_overwrite_a_training_unasked(dataset, trained, capsys):
     assert main(["train", "--dataset", str(dataset), "--epochs", "2", "--out", str(trained)]) == 2
     assert "with --resume" in capsys.readouterr().err
     assert summary_of(trained) == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        (["--seed", "1"], "seed is 0; allowed: 1"),
+        (["--learning-rate", "1e-3"], "learning_rate is 0.002; allowed: 0.001"),
+        (["--batch", "1"], "batch is 2; allowed: 1"),
+        (["--limit", "1"], "content of the training frames"),
+        (["--network.widths", "8", "16"], "architecture.widths"),
+    ],
+)
+def test_train_resumes_no_other_training(dataset, trained, capsys, changes, named):
+    before = {path: path.read_bytes() for path in trained.iterdir() if path.is_file()}
+    arguments = [
+        "train",
+        "--dataset",
+        str(dataset),
+        "--epochs",
+        "2",
+        "--batch",
+        "2",
+        *changes,
+        "--resume",
+        "--out",
+        str(trained),
+    ]
+    assert main(arguments) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith("laploop train: ")
+    assert named in error
+    assert {path: path.read_bytes() for path in trained.iterdir() if path.is_file()} == before
+
+
+def test_train_refuses_a_damaged_data_set(dataset, tmp_path, capsys):
+    chunk = dataset / "frames.zarr" / "depth_mm" / "c.0.0.0"
+    content = chunk.read_bytes()
+    middle = len(content) // 2
+    flipped = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+    try:
+        for damaged in (flipped, b"", bytes(len(content)), None):
+            chunk.unlink()
+            if damaged is not None:
+                chunk.write_bytes(damaged)
+            assert main(["train", "--dataset", str(dataset), "--epochs", "1", "--out", str(tmp_path / "out")]) == 2
+            error = capsys.readouterr().err.strip().splitlines()[-1]
+            assert error.startswith("laploop train: ")
+            assert "depth_mm of frame 0" in error
+            assert not (tmp_path / "out").exists()
+    finally:
+        chunk.write_bytes(content)
+
+
+@pytest.mark.parametrize("command", ["train", "export", "speed", "evaluate"])
+def test_help_imports_nothing_heavy(command):
+    code = (
+        "import sys\n"
+        "from laploop.cli.main import main\n"
+        f"assert main([{command!r}, '--help']) == 0\n"
+        "heavy = {'torch', 'warp', 'mujoco', 'pinocchio', 'cv2', 'zarr', 'lightning'} & {*sys.modules}\n"
+        "assert not heavy, heavy\n"
+    )
+    subprocess.run([sys.executable, "-P", "-c", code], check=True, capture_output=True)  # noqa: S603 - our own text
 
 
 def test_train_resumes(dataset, trained):
