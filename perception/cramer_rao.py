@@ -17,36 +17,27 @@ single-shot phase in a stated window and no more.
 """
 
 import math
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.errors import InvalidValueError, check_range
+from laploop.configuration import Field, configuration
+from laploop.errors import InvalidValueError
 from laploop.perception.estimators.phase import PhaseConfig, PhaseEstimator
 from laploop.perception.geometry import Rig
 
 Floating = NDArray[np.floating]
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class SensorNoise:
     """What a sensor adds to an image, in photo-electrons."""
 
-    full_well_electrons: float = 10500.0
+    full_well_electrons: Annotated[float, Field(ge=100.0, le=1e6)] = 10500.0
     """Full scale of the grey values; of a Pregius-class sensor."""
-    read_noise_electrons: float = 2.5
-    bits: int = 8
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        check_range("full_well_electrons", self.full_well_electrons, 100.0, 1e6)
-        check_range("read_noise_electrons", self.read_noise_electrons, 0.0, 1000.0)
-        check_range("bits", self.bits, 1, 16)
+    read_noise_electrons: Annotated[float, Field(ge=0.0, le=1000.0)] = 2.5
+    bits: Annotated[int, Field(ge=1, le=16)] = 8
 
     @property
     def electrons_per_grey(self) -> float:

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import reprlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from safetensors.torch import save_file
 from torch import Tensor
 
 from laploop.errors import MissingFileError, OutputError, WeightsError
+from laploop.whole_file import whole_file
 
 _PICKLE_STARTS = (b"\x80", b"PK\x03\x04")
 """First bytes of a bare pickle, and of torch's archive of one."""
@@ -44,24 +44,23 @@ def save_weights(
         "architecture": json.dumps(architecture, sort_keys=True),
         "architecture_hash": architecture_hash(architecture, tensors),
     }
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write weights to {path}: {error}") from error
-    try:
-        save_file({name: tensor.detach().contiguous() for name, tensor in tensors.items()}, partial, metadata=metadata)
+    with whole_file(path) as partial:
+        try:
+            save_file({name: tensor.detach().contiguous() for name, tensor in tensors.items()}, partial, metadata=metadata)
+        except SafetensorError as error:
+            raise OutputError(f"cannot write weights to {path}: {error}") from error
         partial.chmod(0o644)
-        partial.replace(path)
-    except (OSError, SafetensorError) as error:
-        partial.unlink(missing_ok=True)
-        raise OutputError(f"cannot write weights to {path}: {error}") from error
 
 
 def load_weights(
-    path: Path, architecture: Mapping[str, object], expected: Mapping[str, Tensor]
+    path: Path, architecture: Mapping[str, object], expected: Mapping[str, Tensor] | None = None
 ) -> tuple[dict[str, Tensor], dict[str, str]]:
-    """Read tensors that fit `expected` (a state dict of the network that will take them), and their notes.
+    """Read tensors and their notes.
+
+    Args:
+        path: A file that `save_weights` wrote.
+        architecture: What the file must describe.
+        expected: A state dict of the network that will take the tensors, which must fit; None takes any.
 
     Raises:
         MissingFileError: If there is no such file.
@@ -71,7 +70,7 @@ def load_weights(
         metadata = dict(file.metadata() or {})
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a mapping
         described = json.loads(metadata.get("architecture", "null"))
-    wanted = architecture_hash(architecture, expected)
+    wanted = architecture_hash(architecture, tensors if expected is None else expected)
     if metadata.get("architecture_hash") != wanted or architecture_hash(architecture, tensors) != wanted:
         found = difference(described, architecture) or "its tensors have other names, shapes or types"
         raise WeightsError(f"{path} holds weights of another architecture: {found}")

@@ -5,10 +5,10 @@ from .calibration.run import CalibrationConfig as CalibrationConfig
 from .calibration.run import calibrate_bench as calibrate_bench
 from .characterization.run import CharacterizationConfig as CharacterizationConfig
 from .characterization.run import characterise as characterise
-from .depth.evaluation import DepthEvaluation as DepthEvaluation
+from .depth.config import DepthEvaluation as DepthEvaluation
+from .depth.config import RobustnessConfig as RobustnessConfig
 from .depth.evaluation import evaluate_depth as evaluate_depth
 from .depth.robustness import measure_robustness as measure_robustness
-from .depth.robustness_scenes import RobustnessConfig as RobustnessConfig
 from .episodes.task_campaigns import CAMPAIGNS as CAMPAIGNS
 from .episodes.task_campaigns import Campaign as Campaign
 from .episodes.task_campaigns import Check as Check
@@ -18,8 +18,8 @@ from .episodes.trials import TrialsConfig as TrialsConfig
 from .episodes.trials import run_trials as run_trials
 from .timing.bench import BenchConfig as BenchConfig
 from .timing.bench import run_bench as run_bench
-from .timing.speed import SpeedConfig as SpeedConfig
 from .timing.speed import measure_speed as measure_speed
+from .timing.speed_config import SpeedConfig as SpeedConfig
 from .training_frames import TrainingFramesConfig as TrainingFramesConfig
 from .training_frames import render_training_frames as render_training_frames
 

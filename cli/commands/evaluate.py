@@ -1,25 +1,23 @@
 """`laploop evaluate`: models against exact depth and against the reference camera, on held-out tissues."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from laploop.cli.console import ResultTable
-from laploop.cli.dataset import dataset_path
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
-from laploop.perception.data.datasets import open_dataset
-from laploop.studies.depth.evaluation import DepthEvaluation, evaluate_depth
-from laploop.studies.depth.figure import draw_comparison, draw_distance, draw_examples
-from laploop.studies.depth.robustness import RobustnessRow, measure_robustness, write_robustness
-from laploop.studies.depth.robustness_scenes import RobustnessConfig
-from laploop.studies.depth.table import AGAINST, DepthTable, write_table
+from laploop.configuration import configuration
+from laploop.studies.depth.config import DepthEvaluation, RobustnessConfig
+
+if TYPE_CHECKING:
+    from laploop.studies.depth.robustness import RobustnessRow
+    from laploop.studies.depth.table import DepthTable
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class EvaluateArguments:
     """Measure models on tissues that were not in training, against exact depth and against the reference camera.
 
@@ -27,14 +25,15 @@ class EvaluateArguments:
     `summary.json`.
     """
 
-    evaluation: Annotated[DepthEvaluation, tyro.conf.arg(name="")] = field(default_factory=DepthEvaluation)
+    evaluation: Annotated[DepthEvaluation, tyro.conf.arg(name="")] = DepthEvaluation()
     dataset: Path
     """Folder that `laploop synthesize` or `laploop collect` wrote, or the data set in it."""
     models: tuple[str, ...] = ("phase", "compact")
-    """Which models, separated by commas or spaces; dpt and depth-anything are compared raw and fitted."""
+    """Which models, separated by commas or spaces; dpt and depth-anything are compared raw and fitted. An estimator of your own
+    is `module:Class`."""
     robustness: bool = False
     """Also render other conditions than the nominal one (half the light, a large tool, ...), and measure the models there."""
-    conditions: RobustnessConfig = field(default_factory=RobustnessConfig)
+    conditions: RobustnessConfig = RobustnessConfig()
     """How many frames, for --robustness."""
     out: Path
     """Folder to write to; made where it does not exist."""
@@ -48,6 +47,12 @@ class EvaluateArguments:
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     chosen = parse(EvaluateArguments, arguments, "evaluate")
+
+    from laploop.cli.dataset import dataset_path
+    from laploop.perception.data.datasets import open_dataset
+    from laploop.studies.depth.evaluation import evaluate_depth
+    from laploop.studies.depth.table import write_table
+
     path = dataset_path(chosen.dataset)
     rows: list[RobustnessRow] = []
     with OutputFolder(chosen.out, "evaluate") as folder:
@@ -63,6 +68,8 @@ def main(arguments: Sequence[str]) -> int:
             "rows": found.flat_rows(),
         }
         if chosen.robustness:
+            from laploop.studies.depth.robustness import measure_robustness, write_robustness
+
             rows = measure_robustness(
                 chosen.model_names,
                 open_dataset(path).optics,
@@ -77,8 +84,11 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _draw(found: DepthTable, folder: OutputFolder) -> None:
+def _draw(found: "DepthTable", folder: OutputFolder) -> None:
     """Draw what there is to draw; the examples are of the first model that is not the truth itself."""
+    from laploop.studies.depth.figure import draw_comparison, draw_distance, draw_examples
+    from laploop.studies.depth.table import AGAINST
+
     if found.examples and any(example.mask.any() for example in found.examples):
         with folder.artefact("depth_comparison.png") as partial:
             draw_comparison(found, partial)
@@ -91,13 +101,13 @@ def _draw(found: DepthTable, folder: OutputFolder) -> None:
                 draw_distance(found, against, partial)
 
 
-def _show(found: DepthTable, rows: Sequence[RobustnessRow], path: Path) -> None:
+def _show(found: "DepthTable", rows: "Sequence[RobustnessRow]", path: Path) -> None:
     table = ResultTable(f"{found.frames} frames of {found.tissues} tissues: mean absolute error")
     for row in found.rows:
         if row.working_distance_mm == "all":
-            valid = f"; {row.valid.mae_mm:.3g} mm on the {row.valid_share:.1%} called valid"
+            valid = f"; {row.valid.mae_mm:.3g} mm on the {row.valid_share:.1%} marked valid"
             table.row(f"{row.model}, against {row.against}", row.every.mae_mm, f"mm{valid}")
     for line in rows:
-        valid = f"; {line.valid.mae_mm:.3g} mm on the {line.valid_share:.1%} called valid"
+        valid = f"; {line.valid.mae_mm:.3g} mm on the {line.valid_share:.1%} marked valid"
         table.row(f"{line.model}, {line.condition}", line.every.mae_mm, f"mm{valid}")
     table.show(path)

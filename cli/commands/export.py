@@ -1,77 +1,103 @@
-"""`laploop export`: a depth network as an ONNX file."""
+"""`laploop export`: a depth network as an ONNX file, or the average of several weights files."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any
 
-from laploop.assets.scope_optics import ScopeOptics
+import tyro
+
 from laploop.cli.console import ResultTable
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
+from laploop.configuration import Field, configuration
 from laploop.errors import InvalidValueError
-from laploop.perception.geometry import Rig
+from laploop.perception.network_specs import NETWORKS
+
+_MODELS = "{" + ",".join(NETWORKS.names()) + "}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class ExportArguments:
     """Write a depth network as ONNX, for runtimes other than torch.
 
-    Writes `MODEL.onnx` (input `image`: 1 x 256 x 256 float32, grey values 0-255; outputs `depth_mm` and, for compact and
-    ssle-phase, `log_scale`) and `summary.json`. Needs `pip install 'laploop[onnx]'`.
+    Writes `MODEL.onnx` (input `image`: 1 x 256 x 256 float32, grey values 0-255; outputs `depth_mm` and, where
+    the network gives it, `log_scale`) and `summary.json`. Needs `pip install 'laploop[onnx]'`. With `--average`, writes
+    `MODEL.safetensors` instead.
     """
 
-    model: str = "compact"
-    """compact, ssle, dual-unet or ssle-phase."""
+    model: Annotated[str, tyro.conf.arg(metavar=_MODELS)] = "compact"
+    """Which network."""
     weights: Path | None = None
     """Trained weights to use instead of the shipped ones."""
     random_weights: bool = False
     """Export a network that nobody trained."""
     size: str | None = None
-    """Size of a network with random weights: small, paper or tiny."""
-    seed: int = 0
+    """Size of a network with random weights, such as small, paper or tiny."""
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """Decides random weights."""
+    average: tuple[Path, ...] = ()
+    """Weights files, as of several epochs of one training, whose average is written as `MODEL.safetensors`."""
+    shares: tuple[Annotated[float, Field(gt=0.0, le=1e6)], ...] = ()
+    """Weight of each file in the average; equal by default."""
     out: Path
     """Folder to write to; made where it does not exist."""
 
     def __post_init__(self) -> None:
-        """Refuse options that exclude each other.
-
-        Raises:
-            InvalidValueError: If they do.
-        """
+        """Refuse names that there are not, and options that exclude each other."""
+        NETWORKS.check(self.model)
         if self.random_weights and self.weights is not None:
-            raise InvalidValueError("weights", str(self.weights), "none together with random_weights")
+            raise InvalidValueError("weights", self.weights, "none together with random_weights")
         if self.size is not None and not self.random_weights:
             raise InvalidValueError("size", self.size, "none but with random_weights: trained weights have their size")
+        if self.average and (self.random_weights or self.weights is not None):
+            raise InvalidValueError("average", list(map(str, self.average)), "none together with weights or random_weights")
+        if self.shares and len(self.shares) != len(self.average):
+            raise InvalidValueError("shares", self.shares, f"one for each of the {len(self.average)} files of average")
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     chosen = parse(ExportArguments, arguments, "export")
-
-    import torch  # slow to import
-
-    from laploop.perception.inference.export import export_onnx, require_packages
-    from laploop.perception.inference.models import random_module, trained_module
-    from laploop.perception.network_specs import NETWORKS
-
-    NETWORKS.check(chosen.model)
-    require_packages("onnx", "onnxscript")
-    rig = Rig.from_optics(ScopeOptics())
+    write = _write_average if chosen.average else _write_onnx
     with OutputFolder(chosen.out, "export") as folder:
-        if chosen.random_weights:
-            module = random_module(chosen.model, rig, chosen.size, seed=chosen.seed)
-        else:
-            module = trained_module(chosen.model, rig, chosen.weights)
-        name = f"{chosen.model}.onnx"
-        with folder.artefact(name) as path:
-            export_onnx(module, path, torch.zeros((1, rig.camera.height, rig.camera.width)))
-        size_bytes = (folder.path / name).stat().st_size
-        parameters = sum(parameter.numel() for parameter in module.parameters())
-        results = {"parameters": parameters, "outputs": list(module.outputs), "bytes": size_bytes}
+        name, results = write(chosen, folder)
+        results["bytes"] = (folder.path / name).stat().st_size
         folder.write_summary(results, config=chosen, seed=chosen.seed if chosen.random_weights else None)
-    table = ResultTable(f"{chosen.model} as ONNX")
-    table.row("parameters", parameters / 1e6, "million")
-    table.row("file", size_bytes / 2**20, "MiB")
+    table = ResultTable(name)
+    table.row("parameters", results["parameters"] / 1e6, "million")
+    table.row("file", results["bytes"] / 2**20, "MiB")
     table.show(folder.path)
     return 0
+
+
+def _write_onnx(chosen: ExportArguments, folder: OutputFolder) -> tuple[str, dict[str, Any]]:
+    import torch  # slow to import
+
+    from laploop.assets.scope_optics import ScopeOptics
+    from laploop.perception.geometry import Rig
+    from laploop.perception.inference.export import export_onnx, require_packages
+    from laploop.perception.inference.models import random_module, trained_module
+
+    require_packages("onnx", "onnxscript")
+    rig = Rig.from_optics(ScopeOptics())
+    if chosen.random_weights:
+        module = random_module(chosen.model, rig, chosen.size, seed=chosen.seed)
+    else:
+        module = trained_module(chosen.model, rig, chosen.weights)
+    name = f"{chosen.model}.onnx"
+    with folder.artefact(name) as path:
+        export_onnx(module, path, torch.zeros((1, rig.camera.height, rig.camera.width)))
+    return name, {"parameters": sum(one.numel() for one in module.parameters()), "outputs": list(module.outputs)}
+
+
+def _write_average(chosen: ExportArguments, folder: OutputFolder) -> tuple[str, dict[str, Any]]:
+    from safetensors import safe_open
+
+    from laploop.perception.training.weight_average import average_weights
+
+    name = f"{chosen.model}.safetensors"
+    with folder.artefact(name) as path:
+        average_weights(NETWORKS.get(chosen.model), chosen.average, path, shares=chosen.shares)
+    with safe_open(folder.path / name, framework="np") as file:
+        parameters = sum(file.get_tensor(one).size for one in file.keys())  # noqa: SIM118 - not a mapping
+    return name, {"parameters": parameters}

@@ -1,7 +1,6 @@
 """`laploop speed`: how long a depth model takes for a frame."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -10,11 +9,11 @@ import tyro
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
-from laploop.studies.timing.machine import describe_machine
-from laploop.studies.timing.speed import SpeedConfig, measure_speed, trace_csv
+from laploop.configuration import configuration
+from laploop.studies.timing.speed_config import SpeedConfig
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class SpeedArguments:
     """Time a depth model alone, frame after frame, from image array to depth array.
 
@@ -22,7 +21,7 @@ class SpeedArguments:
     run at the same time; the machine's load before the measurement is kept with the results.
     """
 
-    speed: Annotated[SpeedConfig, tyro.conf.arg(name="")] = field(default_factory=SpeedConfig)
+    speed: Annotated[SpeedConfig, tyro.conf.arg(name="")] = SpeedConfig()
     out: Path
     """Folder to write to; made where it does not exist."""
 
@@ -30,6 +29,11 @@ class SpeedArguments:
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     chosen = parse(SpeedArguments, arguments, "speed")
+
+    from laploop.studies.timing.machine import describe_machine
+    from laploop.studies.timing.speed import measure_speed, trace_csv
+    from laploop.studies.timing.speed_figure import draw_speed
+
     config = chosen.speed
     with OutputFolder(chosen.out, "speed") as folder:
         machine = describe_machine()
@@ -37,9 +41,6 @@ def main(arguments: Sequence[str]) -> int:
             result = measure_speed(config, advance_to)
             advance_to(config.frames)
         folder.write_text("latency_trace.csv", trace_csv(result))
-
-        from laploop.studies.timing.speed_figure import draw_speed
-
         processor = machine["cpu"] if config.device == "cpu" else machine["gpu"]
         how = result.backend if result.precision is None else f"{result.backend} {result.precision}"
         size = "" if config.size is None else f" ({config.size})"

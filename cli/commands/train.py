@@ -11,7 +11,6 @@ import tyro
 from laploop.cli.console import ResultTable
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
-from laploop.configuration import Field
 from laploop.errors import InvalidValueError
 from laploop.perception.network_specs import NETWORKS
 from laploop.perception.training.options import TrainingOptions
@@ -39,7 +38,7 @@ class TrainArguments(Generic[Options]):
     """Folder to write to; made where it does not exist."""
     against: Literal["exact", "zivid"] = "exact"
     """Which depth to learn: the simulator's, or that of the reference camera after calibration and reprojection."""
-    limit: Annotated[int, Field(ge=1)] | None = None
+    limit: int | None = None
     """Largest number of frames of a split."""
     machine: Machine = field(default_factory=Machine)
     resume: bool = False

@@ -53,7 +53,7 @@ MODELS = {
 
 
 class MonocularEstimator:
-    """Runs a monocular network on one image at a time; it has no opinion on which pixels are valid, so all are."""
+    """Runs a monocular network on one image at a time; it has no confidence, so that all pixels are valid."""
 
     def __init__(
         self,
@@ -67,8 +67,12 @@ class MonocularEstimator:
         """Take over a network of `transformers`' depth estimation class.
 
         Raises:
-            InvalidValueError: If `range_mm`, to which a raw prediction is stretched, is not a range of depth.
+            InvalidValueError: If `range_mm`, to which a raw prediction is stretched, is not a range of depth, or this machine
+                does not have the device.
         """
+        from laploop.perception.inference.torch_runner import check_device
+
+        check_device(device)
         if not 0.0 < range_mm[0] < range_mm[1] <= FARTHEST_MM:
             raise InvalidValueError("range_mm", range_mm, f"0 < nearest < farthest <= {FARTHEST_MM:g}")
         self._rig = rig

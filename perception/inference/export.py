@@ -15,8 +15,9 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
-from laploop.errors import InvalidValueError, MissingFileError, OutputError
+from laploop.errors import InvalidValueError, MissingFileError
 from laploop.perception.inference.depth_module import DepthModule
+from laploop.whole_file import whole_file
 
 INPUT = "image"
 
@@ -50,14 +51,8 @@ def export_onnx(network: DepthModule, path: Path, example: Tensor) -> None:
         )
     if program is None:
         raise InvalidValueError("network", type(network.network).__name__, "one that torch.onnx can trace")
-    partial = path.with_name(f".{path.name}.partial")
-    try:
+    with whole_file(path) as partial:
         program.save(str(partial), external_data=False)
-        partial.replace(path)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error}; choose another folder or make it writable") from error
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def require_packages(*packages: str, extra: str = "onnx") -> None:
@@ -75,7 +70,7 @@ def require_packages(*packages: str, extra: str = "onnx") -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the exporter's remarks on its own progress and its own outdated calls from the user's terminal."""
+    """Keep the exporter's progress, and warnings of its own outdated calls, from the user's terminal."""
     loggers = [logging.getLogger(name) for name in ("torch.onnx", "onnxscript", "onnx_ir")]
     levels = [logger.level for logger in loggers]
     for logger in loggers:

@@ -11,7 +11,7 @@ from laploop.perception.inference.depth_module import DepthModule
 from laploop.perception.network_specs import NETWORKS, NetworkSpec
 from laploop.perception.networks.configs import NetworkConfig
 from laploop.perception.networks.depth_network import DepthNetwork
-from laploop.perception.weights import load_weights, read_architecture
+from laploop.perception.weights import difference, load_weights, read_architecture
 
 
 def random_module(name: str, rig: Rig, size: str | None = None, *, seed: int = 0) -> DepthModule:
@@ -62,13 +62,24 @@ def load_network(spec: NetworkSpec, rig: Rig, weights: Path | None = None) -> De
         InvalidValueError: If the network takes images of another size than the rig's.
     """
     path = spec.weights if weights is None else Path(weights)
-    described = read_architecture(path, spec.config.form)
-    del described["format"]
-    try:
-        config = from_plain(spec.config, described)
-    except (LaploopError, ValueError, RecursionError) as error:
-        raise WeightsError(f"{path} describes an impossible network: {error}") from error
-    network = build_network(spec, rig, config)
-    tensors, _ = load_weights(path, config.architecture, network.state_dict())
+    network = build_network(spec, rig, stored_config(spec, path))
+    tensors, _ = load_weights(path, network.config.architecture, network.state_dict())
     network.load_state_dict(tensors)
     return network
+
+
+def stored_config(spec: NetworkSpec, path: Path) -> NetworkConfig:
+    """Return the configuration in the header of a weights file.
+
+    Raises:
+        MissingFileError: If the file is not there.
+        WeightsError: If it is damaged, of another network, or not safetensors.
+    """
+    described = read_architecture(path, spec.config.form)
+    try:
+        config = from_plain(spec.config, {name: value for name, value in described.items() if name != "format"})
+    except (LaploopError, ValueError, RecursionError) as error:
+        raise WeightsError(f"{path} describes an impossible network: {error}") from error
+    if missing := difference(described, config.architecture):
+        raise WeightsError(f"{path} does not describe its network in full: {missing}")
+    return config

@@ -9,6 +9,7 @@ from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.perception.inference.depth_module import DepthModule
 from laploop.perception.inference.torch_runner import CompiledRunner, TorchRunner, check_device
 
+MOST_THREADS = 1024
 BACKENDS = ("torch", "compile", "onnxruntime", "openvino")
 """Runtimes for a depth network."""
 
@@ -60,12 +61,14 @@ def make_runner(
 
     Raises:
         UnknownNameError: If there is no such backend.
-        InvalidValueError: If the backend cannot have device or precision.
+        InvalidValueError: If the backend cannot have device or precision, or the number of threads is impossible.
         MissingFileError: If its packages are not installed.
     """
     if backend not in BACKENDS:
         raise UnknownNameError("backend", backend, BACKENDS)
     check_device(device)
+    if threads is not None and (not isinstance(threads, int) or not 1 <= threads <= MOST_THREADS):
+        raise InvalidValueError("threads", threads, f"an integer, 1 to {MOST_THREADS}, or None")
     if precision not in PRECISIONS_OF[backend]:
         raise InvalidValueError("precision", precision, f"{', '.join(PRECISIONS_OF[backend])} for the backend {backend!r}")
     if backend in {"torch", "compile"}:

@@ -1,5 +1,6 @@
 """Torch as a runtime: eager or compiled, on the CPU or on a CUDA GPU, in float32 or bfloat16."""
 
+import re
 from contextlib import nullcontext
 from copy import deepcopy
 from typing import Any, ClassVar
@@ -20,7 +21,7 @@ _WARM_UPS = 3
 
 
 def has_fast_bf16(device: str = "cpu") -> bool:
-    """Tell whether the device multiplies bfloat16 in hardware; elsewhere it is emulated and slower than float32."""
+    """Return whether the device multiplies bfloat16 in hardware; elsewhere it is emulated and slower than float32."""
     if torch.device(device).type == "cuda":
         return bool(torch.cuda.is_available() and torch.cuda.is_bf16_supported(including_emulation=False))
     found = torch.cpu.get_capabilities()
@@ -33,11 +34,12 @@ def check_device(device: str) -> None:
     Raises:
         InvalidValueError: If it is neither `cpu` nor a CUDA GPU that torch sees.
     """
-    kind = device.partition(":")[0]
-    if kind not in {"cpu", "cuda"}:
-        raise InvalidValueError("device", device, "cpu or cuda")
-    if kind == "cuda" and not torch.cuda.is_available():
+    if not re.fullmatch(r"cpu|cuda(:\d{1,3})?", device):
+        raise InvalidValueError("device", device, "cpu, cuda, or cuda:N")
+    if device != "cpu" and not torch.cuda.is_available():
         raise InvalidValueError("device", device, "cpu; torch sees no CUDA GPU on this machine")
+    if device.startswith("cuda:") and int(device[5:]) >= torch.cuda.device_count():
+        raise InvalidValueError("device", device, f"cuda:0 to cuda:{torch.cuda.device_count() - 1}")
 
 
 class TorchRunner:

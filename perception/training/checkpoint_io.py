@@ -1,7 +1,6 @@
 """Lightning's checkpoints as safetensors: tensors in the file, everything else as JSON in its header; nothing is unpickled."""
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from torch import Tensor
 
 from laploop.errors import MissingFileError, OutputError, WeightsError
 from laploop.perception.weights import refuse_pickle
+from laploop.whole_file import whole_file
 
 _KIND = "laploop-checkpoint-1"
 
@@ -30,14 +30,11 @@ class SafetensorsCheckpointIO(CheckpointIO):
         target = Path(path)
         tensors: dict[str, Tensor] = {}
         text = json.dumps(_encode(checkpoint, tensors))
-        partial = target.with_name(f"{target.name}.{os.getpid()}.partial")
-        try:
-            target.parent.mkdir(parents=True, exist_ok=True)
-            save_file(tensors, partial, metadata={"kind": _KIND, "tree": text})
-            partial.replace(target)
-        except (OSError, SafetensorError) as error:
-            partial.unlink(missing_ok=True)
-            raise OutputError(f"cannot write a checkpoint to {target}: {error}") from error
+        with whole_file(target) as partial:
+            try:
+                save_file(tensors, partial, metadata={"kind": _KIND, "tree": text})
+            except SafetensorError as error:
+                raise OutputError(f"cannot write a checkpoint to {target}: {error}") from error
 
     def load_checkpoint(
         self,

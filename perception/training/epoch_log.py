@@ -2,9 +2,10 @@
 
 import csv
 import io
-import os
 from collections.abc import Iterator
 from pathlib import Path
+
+from laploop.whole_file import whole_file
 
 LOG_NAME = "log.csv"
 
@@ -18,9 +19,8 @@ def write_rows(path: Path, rows: list[dict[str, float]]) -> None:
     writer = csv.DictWriter(text, fieldnames=list(rows[-1]))
     writer.writeheader()
     writer.writerows(rows)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    partial.write_text(text.getvalue(), encoding="utf-8")
-    partial.replace(path)
+    with whole_file(path) as partial:
+        partial.write_text(text.getvalue(), encoding="utf-8")
 
 
 def read_rows(path: Path) -> Iterator[dict[str, float]]:

@@ -109,13 +109,13 @@ def fit(
 
 
 def check_fresh(checkpoint: Path, *, resume: bool) -> None:
-    """Refuse to overwrite a training unasked.
+    """Refuse to overwrite a training.
 
     Raises:
         OutputError: If there is a checkpoint and `resume` is off.
     """
     if checkpoint.exists() and not resume:
-        raise OutputError(f"{checkpoint} exists; pass resume to go on from it, or give another folder")
+        raise OutputError(f"{checkpoint} exists; go on from it with --resume, or choose another folder")
 
 
 def _identity(recipe: Recipe, train: Samples, val: Samples) -> dict[str, object]:

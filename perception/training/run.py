@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from laploop.errors import InvalidValueError
 from laploop.perception.data.datasets import DepthDataset
 from laploop.perception.network_specs import NetworkSpec
 from laploop.perception.networks.configs import NetworkConfig
@@ -35,6 +36,15 @@ class TrainingRun:
     """Show a bar on the standard error stream."""
     starting: Callable[[], None] = lambda: None
     """Called once everything is checked, before something is written."""
+
+    def __post_init__(self) -> None:
+        """Check the number of frames.
+
+        Raises:
+            InvalidValueError: If it is not above 0.
+        """
+        if self.limit is not None and self.limit < 1:
+            raise InvalidValueError("limit", self.limit, "an integer above 0")
 
     def check(self, config: NetworkConfig) -> None:
         """Check what can be checked before the data are read.

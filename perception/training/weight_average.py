@@ -1,49 +1,52 @@
 """The weighted average of several weight files of one architecture, as of the epochs of a training."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import torch
-from torch import Tensor
 
 from laploop.errors import InvalidValueError
+from laploop.perception.inference.models import stored_config
+from laploop.perception.network_specs import NetworkSpec
 from laploop.perception.weights import load_weights, save_weights
 
 
-def average_weights(
-    parts: Sequence[tuple[Path, float]], architecture: Mapping[str, object], expected: Mapping[str, Tensor], out: Path
-) -> None:
-    """Write the average of weights that one training led through to `out`; its notes name the shares.
+def average_weights(spec: NetworkSpec, files: Sequence[Path], out: Path, *, shares: Sequence[float] = ()) -> None:
+    """Write the average of weights of a network to `out`; its notes name the shares.
 
     Weights along the way of a training that goes on from trained weights lie in one valley of the loss, and their middle often
     does better on what is rare than any of them (Izmailov et al., Averaging weights leads to wider optima, UAI 2018). Running
-    statistics are averaged too; what is no floating point number is taken from the last part.
+    statistics are averaged too; what is no floating point number is taken from the last file.
 
     Args:
-        parts: Files and their shares, in any unit.
-        architecture: That all of them must have.
-        expected: A state dict of the network, as for `load_weights`.
+        spec: The network.
+        files: Weights of one architecture.
         out: File to write.
+        shares: Of the files, in any unit; equal by default.
 
     Raises:
-        InvalidValueError: If there is no part, or a share is not above 0.
+        InvalidValueError: If there is no file, not one share a file, or a share that is not above 0.
         MissingFileError: If a file is missing.
         WeightsError: If one is damaged or of another architecture.
         OutputError: If `out` cannot be written.
     """
-    if not parts:
-        raise InvalidValueError("number of weight files", 0, "1 or more")
-    for path, share in parts:
-        if not 0.0 < share < math.inf:
-            raise InvalidValueError(f"share of {path}", share, "finite and above 0")
-    total = math.fsum(share for _, share in parts)
-    loaded = [(load_weights(path, architecture, expected)[0], share / total) for path, share in parts]
-    last = loaded[-1][0]
+    parts = list(shares) or [1.0] * len(files)
+    if not files or len(parts) != len(files):
+        raise InvalidValueError("shares", parts, f"one for each of {len(files)} weight files, of which there is at least one")
+    if not all(0.0 < part < math.inf for part in parts):
+        raise InvalidValueError("shares", parts, "finite and above 0")
+    architecture = stored_config(spec, files[0]).architecture
+    first, _ = load_weights(files[0], architecture)
+    loaded = [first, *(load_weights(path, architecture, first)[0] for path in files[1:])]
+    total = math.fsum(parts)
     average = {
-        name: sum((share * tensors[name].double() for tensors, share in loaded), torch.zeros(())).to(tensor.dtype)
+        name: sum((part / total * one[name].double() for one, part in zip(loaded, parts, strict=True)), torch.zeros(())).to(
+            tensor.dtype
+        )
         if tensor.is_floating_point()
         else tensor
-        for name, tensor in last.items()
+        for name, tensor in loaded[-1].items()
     }
-    save_weights(out, average, architecture, {"average": ", ".join(f"{path.name}: {share:g}" for path, share in parts)})
+    named = ", ".join(f"{path.name}: {part:g}" for path, part in zip(files, parts, strict=True))
+    save_weights(out, average, architecture, {"average": named})

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
@@ -12,85 +12,23 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from laploop.errors import InvalidValueError, check_range
-from laploop.perception.cramer_rao import CramerRaoBound, SensorNoise
+from laploop.errors import InvalidValueError
+from laploop.perception.cramer_rao import CramerRaoBound
 from laploop.perception.data.datasets import DepthDataset, open_dataset
 from laploop.perception.data.pair_store import PairStore
-from laploop.perception.data.store import SPLITS
-from laploop.perception.estimators.base import DepthEstimator
+from laploop.perception.estimators.base import DepthEstimator, checked_estimate
 from laploop.perception.estimators.monocular import MonocularEstimator, fitted
 from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.estimators.registry import make_estimator
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.metrics import DepthErrors, bootstrap_interval
-from laploop.studies.depth.calibration_residual import CalibrationResidual
+from laploop.studies.depth.config import DepthEvaluation
 from laploop.studies.depth.table import AGAINST, REFERENCE_ROW, DepthExample, DepthRow, DepthTable, write_table
 
 _SETS = {"exact": ("exact",), "zivid": ("zivid",), "both": ("zivid", "exact-at-zivid", "exact")}
 _KEPT_ESTIMATORS = 16
 """Most rigs of a data set in which every frame has its own for which a model is kept ready."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class DepthEvaluation:
-    """Which frames and pixels count, and against what."""
-
-    split: str = "test"
-    against: str = "exact"
-    """exact: exact depth, in the range of depth. zivid: the reference camera's reprojected depth, over its whole mask, which
-    is the paper's protocol. both: both, and exact depth over the mask, to tell whose the error is."""
-    nearest_mm: float = 60.0
-    farthest_mm: float = 140.0
-    """Pixels whose exact depth lies outside are left out of `exact`."""
-    bins_mm: tuple[float, ...] = (60.0, 80.0, 100.0, 120.0, 140.0)
-    """Edges of the bins of working distance, which is the median of a frame's exact depth."""
-    weights: dict[str, Path] = field(default_factory=dict)
-    """Replaces the shipped weights: pairs of a model's name and its file, or folder for dpt and depth-anything."""
-    residual_mm: float = 0.0
-    """Puts an error into the calibration and reprojects the reference camera's points anew, for `zivid` and `both`: the
-    translation is off by exactly this, in a direction that `residual_seed` draws."""
-    residual_deg: float = 0.0
-    """The rotation is off by exactly this, about an axis that `residual_seed` draws."""
-    residual_seed: int = 0
-    floor_rows: tuple[int, ...] = (1, 5)
-    """Heights in pixels of the windows, one period wide, whose photon floor is given; none leaves it out."""
-    sensor: SensorNoise = field(default_factory=SensorNoise)
-    """The sensor that the floor assumes."""
-    resamples: int = 1000
-    """Draws of the bootstrap over tissues."""
-    bootstrap_seed: int = 0
-    examples: int = 5
-    """Frames kept for the figures."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        if self.split not in SPLITS:
-            raise InvalidValueError("split", self.split, f"one of {', '.join(SPLITS)}")
-        if self.against not in _SETS:
-            raise InvalidValueError("against", self.against, f"one of {', '.join(_SETS)}")
-        if not 0.0 < self.nearest_mm < self.farthest_mm:
-            raise InvalidValueError("nearest_mm and farthest_mm", (self.nearest_mm, self.farthest_mm), "0 < nearest < farthest")
-        if len(self.bins_mm) < 2 or list(self.bins_mm) != sorted(set(self.bins_mm)):
-            raise InvalidValueError("bins_mm", self.bins_mm, "two or more rising edges")
-        if not all(1 <= rows <= 64 for rows in self.floor_rows):
-            raise InvalidValueError("floor_rows", self.floor_rows, "integers from 1 to 64")
-        residual = CalibrationResidual(mm=self.residual_mm, deg=self.residual_deg, seed=self.residual_seed)
-        if not residual.nothing and self.against == "exact":
-            sizes = (self.residual_mm, self.residual_deg)
-            raise InvalidValueError("residual_mm and residual_deg", sizes, "0 against exact depth; choose zivid or both")
-        check_range("resamples", self.resamples, 1, 1_000_000)
-        check_range("bootstrap_seed", self.bootstrap_seed, 0, 2**63)
-        check_range("examples", self.examples, 0, 20)
-
-    @property
-    def residual(self) -> CalibrationResidual:
-        """The error that is put into the calibration."""
-        return CalibrationResidual(mm=self.residual_mm, deg=self.residual_deg, seed=self.residual_seed)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -287,7 +225,7 @@ class _Evaluation:
         else:
             versions = {name: [estimator.estimate(image)] * len(truths)}
         self.times_ms.setdefault(name, []).append(1e3 * (time.perf_counter() - began))
-        return versions
+        return {row: [checked_estimate(one, exact.shape) for one in estimates] for row, estimates in versions.items()}
 
     def _add(self, model: str, truth: _Truth, estimate: DepthEstimate, index: int, places: Sequence[int]) -> None:
         every, valid = DepthErrors(), DepthErrors()

@@ -14,21 +14,23 @@ from rich.progress import Progress
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError
+from laploop.perception.estimators.base import checked_estimate
 from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.metrics import DepthErrors, DepthMetrics, MetricsInterval, bootstrap_interval
+from laploop.studies.depth.config import RobustnessConfig
 from laploop.studies.depth.evaluation import EstimatorCache
-from laploop.studies.depth.robustness_scenes import CONDITIONS, NOMINAL, OTHER_TISSUE, RobustnessConfig, robustness_frames
+from laploop.studies.depth.robustness_scenes import CONDITIONS, NOMINAL, OTHER_TISSUE, robustness_frames
 from laploop.studies.depth.smooth_fill import fill_smoothly
 from laploop.studies.depth.table import write_texts
 
 SURROUNDINGS = "exact, unlit filled in"
-"""Stands in the table for a model that knows the exact depth of all that the projector reaches, and of the rest only that a
+"""In the table, a model that knows the exact depth of all that the projector reaches, and of the rest only that a
 surface bends little: what a condition costs by what it hides."""
 
 _SETS = 6
-"""Errors of: all pixels in the range of depth; those of them that the model calls valid; all that it calls valid; those in the
+"""Errors of: all pixels in the range of depth; those of them that the model marks valid; all that it marks valid; those in the
 range that the projector lights; those of the last whose depth the nominal frame shows too, lit; the nominal frame's on them."""
 
 _SAME_MM = 0.001
@@ -46,14 +48,14 @@ class RobustnessRow:
     """Over all pixels in the range of depth."""
     every_interval: MetricsInterval
     valid: DepthMetrics
-    """Over those of them that the model calls valid."""
+    """Over those of them that the model marks valid."""
     valid_interval: MetricsInterval
     claimed: DepthMetrics
-    """Over all pixels that the model calls valid, those outside the range of depth too, such as the instrument's."""
+    """Over all pixels that the model marks valid, those outside the range of depth too, such as the instrument's."""
     lit: DepthMetrics
     """Over all pixels in the range of depth that the projector reaches: in a shadow there is nothing to read."""
     valid_share: float
-    """Share of the pixels in the range of depth that the model calls valid."""
+    """Share of the pixels in the range of depth that the model marks valid."""
     ratio: float
     """Mean absolute error of all pixels relative to that of the nominal condition."""
     lit_ratio: float
@@ -62,7 +64,7 @@ class RobustnessRow:
     """The same for those of them that show in the nominal frame the same lit point of the same surface, relative to the error
     there: the instrument hides the middle of the view, where depth is easier than at its borders. NaN for another tissue."""
     valid_ratio: float
-    """The same for the pixels that the model calls valid."""
+    """The same for the pixels that the model marks valid."""
 
     def flat(self) -> dict[str, object]:
         """Return the row as a flat dictionary; what is unknown is None."""
@@ -129,7 +131,7 @@ def measure_robustness(
             for estimator in estimators.all(frame.rig).values():
                 if isinstance(estimator, OracleEstimator):
                     estimator.see_truth(truth)
-                estimates.append(estimator.estimate(frame.image))
+                estimates.append(checked_estimate(estimator.estimate(frame.image), frame.image.shape))
             # What is nearer than the range, as the instrument, is no part of the surface.
             seen = hit & frame.lit & (truth >= range_mm[0])
             filled = fill_smoothly(truth, seen) if seen.any() else truth

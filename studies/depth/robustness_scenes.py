@@ -12,8 +12,8 @@ from laploop.assets.tissue_config import TissueConfig, TissueShape
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.envs.sensors.stripe_camera import StripeCamera
-from laploop.errors import check_range
 from laploop.perception.geometry import Rig
+from laploop.studies.depth.config import RobustnessConfig
 from laploop.studies.scenes.frame_conditions import CameraPose, FrameRanges, draw_camera, draw_optics
 from laploop.studies.scenes.training_scene import TrainingScene
 
@@ -32,38 +32,14 @@ CONDITIONS = {
 """The conditions by name, and what each changes; everything else is drawn as for `nominal`, whose frame comes first."""
 
 PHASE_SHIFT = 1.0 / 3.0
-TOOL_SHARE = 0.30
-LOST_SHARE = 0.40
+TOOL_FRACTION = 0.30
+LOST_FRACTION = 0.40
 _DARK = 0.01
-"""Share of full scale below which a pixel counts as dark: 2.5 of 255 grey values."""
+"""Fraction of full scale below which a pixel counts as dark: 2.5 of 255 grey values."""
 _STREAM = 173
 """Keeps these tissues and frames apart from those of data sets and theatres."""
 _SEARCH_STEPS = 9
 _TIP_DISTANCES_M = (0.010, 0.060)
-
-
-@dataclass(frozen=True, kw_only=True)
-class RobustnessConfig:
-    """How many frames a condition."""
-
-    tissues: int = 6
-    frames_per_tissue: int = 4
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        check_range("tissues", self.tissues, 1, 1000)
-        check_range("frames_per_tissue", self.frames_per_tissue, 1, 1000)
-        check_range("seed", self.seed, 0, 2**31)
-
-    @property
-    def frames(self) -> int:
-        """Frames of one condition."""
-        return self.tissues * self.frames_per_tissue
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -141,17 +117,17 @@ def _other_family(tissue: int) -> TissueShape:
 
 
 def _lose_pixels(optics: StripeOptics, electrons: NDArray[np.float32], *, dark: bool) -> StripeOptics:
-    """Scale the light, with which the electrons grow in proportion, until the share of lost pixels is as asked for."""
+    """Scale the light, with which the electrons grow in proportion, until `LOST_FRACTION` of the pixels is lost."""
     lit = electrons[electrons > 0.0]
     if dark:
-        factor = _DARK * optics.full_well_electrons / float(np.quantile(lit, LOST_SHARE))
+        factor = _DARK * optics.full_well_electrons / float(np.quantile(lit, LOST_FRACTION))
     else:
-        factor = optics.full_well_electrons / float(np.quantile(lit, 1.0 - LOST_SHARE))
+        factor = optics.full_well_electrons / float(np.quantile(lit, 1.0 - LOST_FRACTION))
     return replace(optics, led_power_w=min(10.0, factor * optics.led_power_w))
 
 
 def _cover_view(scene: TrainingScene, camera: StripeCamera, pose: CameraPose, rng: np.random.Generator) -> None:
-    """Bring the instrument in from a random side and as close to the camera as covers the asked share of the view."""
+    """Bring the instrument in from a random side, close enough to the camera to cover `TOOL_FRACTION` of the view."""
     rotation, centre = pose.world_from_camera[:3, :3], pose.world_from_camera[:3, 3]
     azimuth, tilt = rng.uniform(-math.pi, math.pi), math.radians(rng.uniform(70.0, 85.0))
     side = np.array([math.cos(azimuth), math.sin(azimuth)])
@@ -162,8 +138,8 @@ def _cover_view(scene: TrainingScene, camera: StripeCamera, pose: CameraPose, rn
         # The tip lies beyond the middle, so that the shaft crosses most of the view.
         tip_in_camera = distance * np.array([*(-0.3 * side), 1.0])
         scene.place_tool(centre + rotation @ tip_in_camera, -rotation @ along)
-        share = float(np.mean(camera.exact(scene.data, pose.world_from_camera).object_id == int(ObjectId.TOOL)))
-        near, far = (distance, far) if share > TOOL_SHARE else (near, distance)
+        covered = float(np.mean(camera.exact(scene.data, pose.world_from_camera).object_id == int(ObjectId.TOOL)))
+        near, far = (distance, far) if covered > TOOL_FRACTION else (near, distance)
 
 
 def _rng(config: RobustnessConfig, use: int, number: int) -> np.random.Generator:

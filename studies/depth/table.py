@@ -4,7 +4,6 @@ import csv
 import io
 import json
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.errors import InvalidValueError, OutputError
+from laploop.errors import InvalidValueError
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.metrics import DepthMetrics, MetricsInterval
+from laploop.whole_file import whole_file
 
 TABLE_NAME = "depth"
 """Stem of the files that an evaluation leaves: `depth.json`, `depth.csv`, `depth.md`."""
@@ -185,14 +185,9 @@ def write_texts(out: Path, texts: Mapping[str, str]) -> None:
     Raises:
         OutputError: If the folder cannot be written.
     """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        for name, text in texts.items():
-            partial = out / f"{name}.{os.getpid()}.partial"
+    for name, text in texts.items():
+        with whole_file(out / name) as partial:
             partial.write_text(text, encoding="utf-8")
-            partial.replace(out / name)
-    except OSError as error:
-        raise OutputError(f"cannot write the table to {out}: {error}") from error
 
 
 def markdown_table(table: DepthTable) -> str:

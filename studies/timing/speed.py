@@ -10,22 +10,18 @@ import io
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.scope_optics import ScopeOptics
-from laploop.errors import InvalidValueError, MissingFileError, UnknownNameError, check_range
-from laploop.perception.estimators.registry import check_estimator, make_estimator
+from laploop.errors import InvalidValueError, MissingFileError, UnknownNameError
+from laploop.perception.estimators import checked_estimate, make_estimator
 from laploop.perception.geometry import Rig
+from laploop.studies.timing.speed_config import AUTO, ESTIMATOR, PRECISIONS, SpeedConfig
 
 Image = NDArray[np.uint8]
-
-AUTO, ESTIMATOR = "auto", "estimator"
-BACKENDS = (AUTO, ESTIMATOR, "torch", "compile", "onnxruntime", "openvino")
-PRECISIONS = (AUTO, "fp32", "mixed", "bf16")
 
 MAX_DIFFERENCE_MM = 0.1
 """How far, on average, a fast way to run a network may be off its float32 reference."""
@@ -34,66 +30,6 @@ _IMAGES = 16
 """Different images, shown in turn; the same number is compared with the reference."""
 _MAX_SCALE_MM = 2.0
 """Pixels are compared where the network itself calls its error smaller."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class SpeedConfig:
-    """What to time and how."""
-
-    model: str = "compact"
-    """Depth estimator; compact, ssle, dual-unet and ssle-phase can be run by several backends."""
-    device: str = "cpu"
-    """cpu or cuda."""
-    frames: int = 301
-    """Frames that are timed; the paper's number."""
-    warm_up: int = 30
-    """Frames before them that are not."""
-    backend: str = AUTO
-    """auto, estimator (as the loop runs it), torch, compile (torch.compile), onnxruntime or openvino; auto is torch for a
-    network and estimator for all else."""
-    precision: str = AUTO
-    """fp32, bf16, or mixed (float32 up to the codebook, bfloat16 behind it). auto takes the fastest that the device has in
-    hardware and that stays within 0.1 mm of float32; for the backend compile it is float32."""
-    weights: Path | None = None
-    """Trained weights to use instead of the shipped ones."""
-    random_weights: bool = False
-    """Time a network that nobody trained; its speed is the same."""
-    size: str | None = None
-    """Size of a network with random weights: small, paper or tiny."""
-    threads: int | None = None
-    """CPU threads; as many as torch takes by default."""
-    dataset: Path | None = None
-    """Data set whose test frames are shown; drawn stripes of slanted planes without one."""
-    seed: int = 0
-    """Decides the drawn images and the random weights."""
-
-    def __post_init__(self) -> None:
-        """Check names and ranges.
-
-        Raises:
-            UnknownNameError: If there is no such model, backend or precision.
-            InvalidValueError: If a number is out of range or options exclude each other.
-        """
-        check_estimator(self.model)
-        for kind, name, available in (
-            ("backend", self.backend, BACKENDS),
-            ("precision", self.precision, PRECISIONS),
-        ):
-            if name not in available:
-                raise UnknownNameError(kind, name, available)
-        check_range("frames", self.frames, 10, 1_000_000)
-        check_range("warm_up", self.warm_up, 1, 100_000)
-        check_range("seed", self.seed, 0, 2**31 - 1)
-        if self.threads is not None:
-            check_range("threads", self.threads, 1, 1024)
-        if self.model == "oracle":
-            raise InvalidValueError("model", self.model, "an estimator that computes its depth")
-        if self.random_weights and self.weights is not None:
-            raise InvalidValueError("weights", str(self.weights), "none together with random_weights")
-        if self.size is not None and not self.random_weights:
-            raise InvalidValueError("size", self.size, "none but with random_weights: trained weights have their size")
-        if self.backend == ESTIMATOR and self.random_weights:
-            raise InvalidValueError("backend", self.backend, "another one with random_weights: an estimator is trained")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -161,6 +97,7 @@ def measure_speed(config: SpeedConfig, progress: Callable[[float], None] | None 
         if config.device != "cpu":
             raise InvalidValueError("device", config.device, "cpu for the backend 'estimator'")
         estimator = make_estimator(config.model, rig, config.weights)
+        checked_estimate(estimator.estimate(images[0]), (rig.camera.height, rig.camera.width))
         latency, _ = _time(config, images, estimator.estimate, lambda: None, progress)
         return SpeedResult(
             latency_ms=latency, device_ms=None, backend=ESTIMATOR, precision=None, difference_mm=None, parameters=None

@@ -1,12 +1,17 @@
+import json
 import pickle
 
 import numpy as np
 import pytest
 import torch
-from laploop.perception.estimators.compact import CompactEstimator
 
 from laploop.errors import LaploopError, MissingFileError, OutputError, WeightsError
-from laploop.perception.networks.compact_unet import CompactConfig, CompactUNet
+from laploop.perception.estimators import make_estimator
+from laploop.perception.estimators.network import ScaleEstimator
+from laploop.perception.inference.models import load_network
+from laploop.perception.network_specs import NETWORKS, SHIPPED
+from laploop.perception.networks.compact_unet import CompactUNet
+from laploop.perception.networks.configs import CompactConfig
 from laploop.perception.weights import load_weights, save_weights
 
 ARCHITECTURE = {"format": "test", "widths": [1, 2]}
@@ -95,22 +100,83 @@ def test_folder_that_cannot_be_made_is_an_output_error(tmp_path):
         save_weights(tmp_path / "file" / "w.safetensors", TENSORS, ARCHITECTURE)
 
 
-def test_compact_weights_of_other_widths_are_refused_by_the_estimator(rig, tmp_path):
-    config = CompactConfig(widths=(8, 16))
-    path = tmp_path / "other.safetensors"
-    save_weights(path, CompactUNet(rig, config).state_dict(), config.architecture)
-    with pytest.raises(WeightsError, match="widths"):
-        CompactEstimator.from_weights(rig, path)
-
-
 def test_estimator_made_from_saved_weights_is_the_one_that_was_saved(rig, tmp_path):
     torch.manual_seed(1)
-    network = CompactUNet(rig, CompactConfig())
+    network = CompactUNet(rig, CompactConfig(widths=(8, 16)))
     path = tmp_path / "compact.safetensors"
     save_weights(path, network.state_dict(), network.config.architecture)
     image = np.random.default_rng(0).integers(0, 256, (256, 256)).astype(np.uint8)
-    loaded = CompactEstimator.from_weights(rig, path).estimate_with_scale(image)[0]
-    np.testing.assert_array_equal(loaded, CompactEstimator(rig, network).estimate_with_scale(image)[0])
+    loaded, saved = make_estimator("compact", rig, path).estimate(image), ScaleEstimator(rig, network).estimate(image)
+    np.testing.assert_array_equal(loaded.depth_mm, saved.depth_mm)
+    np.testing.assert_array_equal(loaded.valid, saved.valid)
+
+
+def _with_header(path, architecture):
+    """Write weights of `compact` under another description, given as text."""
+    spec = NETWORKS.get("compact")
+    content = spec.weights.read_bytes()
+    length = int.from_bytes(content[:8], "little")
+    header = json.loads(content[8 : 8 + length])
+    header["__metadata__"]["architecture"] = architecture
+    text = json.dumps(header).encode()
+    path.write_bytes(len(text).to_bytes(8, "little") + text + content[8 + length :])
+
+
+DESCRIBED = {"format": "laploop-compact-2", "widths": [32, 48, 64, 96, 128], "windows": [[0.6, 2.0], [0.35, 1.0]]}
+
+
+@pytest.mark.parametrize(
+    "architecture",
+    [
+        "null",
+        "text",
+        '"text"',
+        "[]",
+        "{}",
+        "[" * 100_000,
+        json.dumps({**DESCRIBED, "format": None}),
+        json.dumps({**DESCRIBED, "format": "laploop-ssle-1"}),
+        json.dumps({**DESCRIBED, "format": ["x" * 10_000]}),
+        json.dumps({**DESCRIBED, "widths": None}),
+        json.dumps({**DESCRIBED, "widths": "32"}),
+        json.dumps({**DESCRIBED, "widths": []}),
+        json.dumps({**DESCRIBED, "widths": [32, 10**9]}),
+        json.dumps({**DESCRIBED, "widths": [32.5, 48]}),
+        json.dumps({**DESCRIBED, "widths": [True, False]}),
+        json.dumps({**DESCRIBED, "widths": [32, 48, 64, 96]}),
+        json.dumps({**DESCRIBED, "windows": [[float("nan"), 1.0]]}),
+        json.dumps({**DESCRIBED, "windows": [[-1.0, 1.0]]}),
+        json.dumps(DESCRIBED).replace("0.35", "1e400"),
+        json.dumps(DESCRIBED).replace("[32,", "[" * 500 + "]" * 500 + ", [32,"),
+        json.dumps({**DESCRIBED, "note": "line\nline"}),
+        json.dumps({"format": "laploop-compact-2"}),
+    ],
+)
+def test_a_damaged_description_is_one_clear_line(rig, tmp_path, architecture):
+    path = tmp_path / "weights.safetensors"
+    _with_header(path, architecture)
+    with pytest.raises(WeightsError, match=r"weights\.safetensors") as caught:
+        make_estimator("compact", rig, path)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 1000
+
+
+def test_weights_of_every_other_network_are_refused(rig):
+    for spec in SHIPPED:
+        for other in SHIPPED:
+            if other is not spec:
+                with pytest.raises(WeightsError, match=other.config.form):
+                    load_network(spec, rig, other.weights)
+
+
+def test_truncated_weights_of_a_network_are_refused(rig, tmp_path):
+    content = NETWORKS.get("compact").weights.read_bytes()
+    path = tmp_path / "weights.safetensors"
+    for keep in (0, 1, 7, 8, 9, 100, 1000, 5000, len(content) // 2, len(content) - 1):
+        path.write_bytes(content[:keep])
+        with pytest.raises(WeightsError, match=r"truncated or not safetensors") as caught:
+            make_estimator("compact", rig, path)
+        assert "\n" not in str(caught.value)
 
 
 def test_every_weights_error_is_a_laploop_error_and_a_value_error():

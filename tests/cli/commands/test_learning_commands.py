@@ -1,4 +1,6 @@
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -19,6 +21,14 @@ def trained(dataset, tmp_path_factory):
     out = tmp_path_factory.mktemp("training") / "out"
     assert main(["train", "--dataset", str(dataset), "--epochs", "1", "--batch", "2", "--out", str(out)]) == 0
     return out
+
+
+def status_of(arguments):
+    """Run a command; an option that there is not may end it by the parser."""
+    try:
+        return main(arguments)
+    except SystemExit as stop:
+        return stop.code
 
 
 def summary_of(folder):
@@ -50,8 +60,71 @@ def test_train_leaves_weights_log_and_summary(trained):
 def test_train_does_not_overwrite_a_training_unasked(dataset, trained, capsys):
     before = summary_of(trained)
     assert main(["train", "--dataset", str(dataset), "--epochs", "2", "--out", str(trained)]) == 2
-    assert "pass --resume" in capsys.readouterr().err
+    assert "with --resume" in capsys.readouterr().err
     assert summary_of(trained) == before
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        (["--seed", "1"], "seed is 0; allowed: 1"),
+        (["--learning-rate", "1e-3"], "learning_rate is 0.002; allowed: 0.001"),
+        (["--batch", "1"], "batch is 2; allowed: 1"),
+        (["--limit", "1"], "content of the training frames"),
+        (["--network.widths", "8", "16"], "architecture.widths"),
+    ],
+)
+def test_train_resumes_no_other_training(dataset, trained, capsys, changes, named):
+    before = {path: path.read_bytes() for path in trained.iterdir() if path.is_file()}
+    arguments = [
+        "train",
+        "--dataset",
+        str(dataset),
+        "--epochs",
+        "2",
+        "--batch",
+        "2",
+        *changes,
+        "--resume",
+        "--out",
+        str(trained),
+    ]
+    assert main(arguments) == 2
+    error = capsys.readouterr().err.strip().splitlines()[-1]
+    assert error.startswith("laploop train: ")
+    assert named in error
+    assert {path: path.read_bytes() for path in trained.iterdir() if path.is_file()} == before
+
+
+def test_train_refuses_a_damaged_data_set(dataset, tmp_path, capsys):
+    chunk = dataset / "frames.zarr" / "depth_mm" / "c.0.0.0"
+    content = chunk.read_bytes()
+    middle = len(content) // 2
+    flipped = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+    try:
+        for damaged in (flipped, b"", bytes(len(content)), None):
+            chunk.unlink()
+            if damaged is not None:
+                chunk.write_bytes(damaged)
+            assert main(["train", "--dataset", str(dataset), "--epochs", "1", "--out", str(tmp_path / "out")]) == 2
+            error = capsys.readouterr().err.strip().splitlines()[-1]
+            assert error.startswith("laploop train: ")
+            assert "depth_mm of frame 0" in error
+            assert not (tmp_path / "out").exists()
+    finally:
+        chunk.write_bytes(content)
+
+
+@pytest.mark.parametrize("command", ["train", "export", "speed", "evaluate"])
+def test_help_imports_nothing_heavy(command):
+    code = (
+        "import sys\n"
+        "from laploop.cli.main import main\n"
+        f"assert main([{command!r}, '--help']) == 0\n"
+        "heavy = {'torch', 'warp', 'mujoco', 'pinocchio', 'cv2', 'zarr', 'lightning'} & {*sys.modules}\n"
+        "assert not heavy, heavy\n"
+    )
+    subprocess.run([sys.executable, "-P", "-c", code], check=True, capture_output=True)  # noqa: S603 - our own text
 
 
 def test_train_resumes(dataset, trained):
@@ -112,10 +185,13 @@ def test_train_refuses_what_the_model_does_not_have(dataset, tmp_path, capsys):
     base = ["train", "--dataset", str(dataset), "--out", str(tmp_path / "out")]
     assert main([*base, "--model", "guess"]) == 2
     assert "ssle-phase" in capsys.readouterr().err
-    assert main([*base, "--model", "dual-unet", "--vq-epochs", "3"]) == 2
-    assert "vq_epochs" in capsys.readouterr().err
-    assert main([*base, "--model", "ssle", "--reader", "reader.safetensors"]) == 2
-    assert "only with --model ssle-phase" in capsys.readouterr().err
+    assert status_of([*base, "--model", "dual-unet", "--vq-epochs", "3"]) == 2
+    assert "--vq-epochs" in capsys.readouterr().err
+    assert status_of([*base, "--model", "ssle", "--reader", "reader.safetensors"]) == 2
+    assert "--reader" in capsys.readouterr().err
+    assert main([*base, "--model", "ssle-phase", "--reader", "reader.safetensors", "--reader-epochs", "3"]) == 2
+    assert "reader is PosixPath" not in (error := capsys.readouterr().err)
+    assert "the first stage is trained, read from a file, or part of a whole network" in error
     assert main([*base, "--model=ssle", "--against", "zivid"]) == 2
     assert "reference camera" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

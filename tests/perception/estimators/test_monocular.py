@@ -5,7 +5,7 @@ import pytest
 
 from laploop.errors import InvalidValueError, MissingFileError, UnknownNameError, WeightsError
 from laploop.perception.estimators.monocular import FARTHEST_MM, MODELS, MonocularEstimator, fitted
-from laploop.perception.estimators.registry import ESTIMATOR_NAMES, make_estimator
+from laploop.perception.estimators.registry import ESTIMATORS, make_estimator
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +59,7 @@ def test_network_from_a_local_folder_gives_finite_depth_in_the_range_the_same_ea
 @pytest.mark.parametrize("name", list(MODELS))
 def test_network_sees_the_normalised_image_at_its_own_size(rig, folders, name):
     """A grey plane is the same at any size, so that the input is known in closed form."""
-    estimator = MonocularEstimator.from_pretrained(rig, name, folders[name])
+    estimator = make_estimator(name, rig, folders[name])
     seen = {}
     network = estimator._network
     estimator._network = lambda pixel_values: seen.update(pixels=pixel_values) or network(pixel_values=pixel_values)
@@ -106,7 +106,7 @@ def test_nothing_to_fit_is_refused():
 
 
 def test_baselines_are_no_perception_for_the_loop():
-    assert not set(MODELS) & set(ESTIMATOR_NAMES)
+    assert not set(MODELS) & set(ESTIMATORS.names())
 
 
 def test_model_that_is_not_at_hand_is_named_with_what_fetches_it(rig, tmp_path, monkeypatch):
@@ -130,7 +130,7 @@ def test_model_of_another_kind_and_unknown_name_are_refused(rig, folders):
     with pytest.raises(WeightsError, match="depth_anything"):
         make_estimator("dpt", rig, folders["depth-anything"])
     with pytest.raises(UnknownNameError, match="depth-anything, dpt"):
-        MonocularEstimator.from_pretrained(rig, "midas")
+        MonocularEstimator.from_pretrained(rig, name="midas")
 
 
 def test_weights_that_are_incomplete_damaged_or_pickled_are_refused(rig, folders, tmp_path):

@@ -5,42 +5,64 @@ import numpy as np
 import pytest
 
 from laploop.errors import InvalidValueError, MissingFileError, UnknownNameError
-from laploop.perception.estimators import registry
-from laploop.perception.estimators.base import DepthEstimator
+from laploop.perception.estimators import ESTIMATORS, DepthEstimator, check_estimator, make_estimator
 from laploop.perception.estimators.oracle import OracleEstimator
-from laploop.perception.estimators.registry import (
-    ESTIMATOR_NAMES,
-    estimator_names,
-    make_estimator,
-    register,
-)
 
 
 @pytest.fixture
-def own_names(monkeypatch):
-    monkeypatch.setattr(registry, "_FACTORIES", dict(registry._FACTORIES))
+def mine():
+    ESTIMATORS.register("mine", OracleEstimator)
+    yield
+    ESTIMATORS.unregister("mine")
 
 
-@pytest.mark.parametrize("name", ESTIMATOR_NAMES)
+@pytest.mark.parametrize("name", ["oracle", "phase", "compact", "ssle-phase", "ssle", "dual-unet"])
 def test_every_shipped_estimator_can_be_made_and_fits_the_contract(rig, name):
     assert isinstance(make_estimator(name, rig), DepthEstimator)
 
 
 def test_unknown_name_is_refused_and_the_known_ones_are_listed(rig):
-    with pytest.raises(UnknownNameError, match=r"compact, depth-anything, dpt, .*phase"):
+    with pytest.raises(UnknownNameError, match=r"compact, dual-unet, oracle, phase, ssle"):
         make_estimator("guess", rig)
 
 
-def test_users_own_estimator_is_made_by_its_name(rig, own_names):
-    register("mine", lambda rig, weights: OracleEstimator(rig))
-    assert "mine" in estimator_names()
+def test_baselines_are_known_but_no_loop_can_close_on_them():
+    check_estimator("dpt")
+    with pytest.raises(UnknownNameError):
+        ESTIMATORS.check("dpt")
+
+
+def test_users_own_estimator_is_made_by_its_name(rig, mine):
+    assert "mine" in ESTIMATORS.names()
     assert isinstance(make_estimator("mine", rig), OracleEstimator)
-
-
-@pytest.mark.parametrize("name", ["phase", ""])
-def test_taken_or_empty_name_is_refused(name, own_names):
     with pytest.raises(InvalidValueError, match="name of the estimator"):
-        register(name, lambda rig, weights: OracleEstimator(rig))
+        ESTIMATORS.register("mine", OracleEstimator)
+
+
+def test_arguments_are_handed_over_and_others_refused(rig):
+    from laploop.perception.estimators.phase import PhaseConfig
+
+    config = PhaseConfig(saturated=200)
+    assert make_estimator("phase", rig, arguments={"config": config}).config is config
+    for name, arguments in (("phase", {"colour": 3}), ("compact", {"colour": 3}), ("oracle", {"rig": 3})):
+        with pytest.raises(InvalidValueError, match=rf"arguments of the estimator '{name}' is .*; allowed: those of {name}\("):
+            make_estimator(name, rig, arguments=arguments)
+    with pytest.raises(InvalidValueError, match="max_scale_mm"):
+        make_estimator("compact", rig, arguments={"max_scale_mm": -1.0})
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("no_such_module:Estimator", "ModuleNotFoundError"),
+        ("math:tau", "not a float"),
+        ("builtins:str", "arguments of the estimator"),
+        ("laploop.perception.networks.ssle_phase_front:rig_numbers", r"estimate\(image\); it made a tuple"),
+    ],
+)
+def test_what_makes_no_estimator_is_refused(rig, path, message):
+    with pytest.raises(InvalidValueError, match=message):
+        make_estimator(path, rig)
 
 
 @pytest.mark.parametrize("name", ["oracle", "phase"])

@@ -7,13 +7,14 @@ import torch
 from laploop.errors import InvalidValueError, MissingFileError
 from laploop.perception.inference import export
 from laploop.perception.inference.export import export_onnx
-from laploop.perception.inference.models import NETWORK_NAMES, random_module
+from laploop.perception.inference.models import random_module
 from laploop.perception.inference.runner import make_runner
+from laploop.perception.network_specs import SHIPPED
 
 SIZE = (128, 128)
 
 
-@pytest.mark.parametrize("name", NETWORK_NAMES)
+@pytest.mark.parametrize("name", [spec.name for spec in SHIPPED])
 def test_onnx_runtime_gives_what_torch_gives(name, small_rig):
     image = np.random.default_rng(0).integers(0, 255, SIZE, dtype=np.uint8)
     module = random_module(name, small_rig, "tiny")

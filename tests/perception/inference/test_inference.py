@@ -4,8 +4,9 @@ import torch
 
 from laploop.errors import InvalidValueError, UnknownNameError, WeightsError
 from laploop.perception.inference.depth_module import DepthModule, fold_batch_norms
-from laploop.perception.inference.models import NETWORK_NAMES, network_sizes, random_module, trained_module
+from laploop.perception.inference.models import random_module, trained_module
 from laploop.perception.inference.runner import make_runner
+from laploop.perception.network_specs import SHIPPED
 from laploop.perception.weights import save_weights
 
 SIZE = (128, 128)
@@ -21,7 +22,7 @@ def by_torch(module, image):
         return [output[0].numpy() for output in module(torch.from_numpy(image).float()[None])]
 
 
-@pytest.mark.parametrize("name", NETWORK_NAMES)
+@pytest.mark.parametrize("name", [spec.name for spec in SHIPPED])
 def test_runner_gives_what_the_network_gives_and_the_same_bits_again(name, small_rig, image):
     module = random_module(name, small_rig, "tiny")
     runner = make_runner(module, "torch", size=SIZE)
@@ -84,7 +85,7 @@ def test_file_of_weights_tells_the_size(tmp_path, small_rig):
 
 def test_what_there_is_not_is_refused_with_what_there_is(small_rig):
     with pytest.raises(UnknownNameError, match="available: compact, dual-unet, ssle, ssle-phase"):
-        network_sizes("phase")
+        random_module("phase", small_rig)
     with pytest.raises(UnknownNameError, match="available: paper, small, tiny"):
         random_module("ssle", small_rig, "huge")
     module = random_module("dual-unet", small_rig, "tiny")
@@ -92,8 +93,12 @@ def test_what_there_is_not_is_refused_with_what_there_is(small_rig):
         make_runner(module, "tensorrt", size=SIZE)
     with pytest.raises(InvalidValueError, match="precision is 'bf16'; allowed: fp32 for the backend 'onnxruntime'"):
         make_runner(module, "onnxruntime", size=SIZE, precision="bf16")
-    with pytest.raises(InvalidValueError, match="device is 'tpu'"):
-        make_runner(module, "torch", size=SIZE, device="tpu")
+    for device in ("tpu", "cpu:x", "cuda:x", ""):
+        with pytest.raises(InvalidValueError, match=f"device is '{device}'"):
+            make_runner(module, "torch", size=SIZE, device=device)
+    for threads in (0, -1, 1.5, 10_000):
+        with pytest.raises(InvalidValueError, match="threads"):
+            make_runner(module, "torch", size=SIZE, threads=threads)
     with pytest.raises(InvalidValueError, match="context"):
         DepthModule(module.network, {"no": "dataclass"})
 

@@ -1,12 +1,13 @@
 import numpy as np
 import pytest
 import torch
-from laploop.perception.estimators.compact import CompactEstimator
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError
+from laploop.perception.estimators.network import ScaleEstimator
 from laploop.perception.geometry import Rig
-from laploop.perception.networks.compact_unet import CompactConfig, CompactUNet
+from laploop.perception.networks.compact_unet import CompactUNet
+from laploop.perception.networks.configs import CompactConfig
 
 SMALL = CompactConfig(widths=(8, 12, 16))
 
@@ -88,12 +89,12 @@ def test_folding_the_normalisation_changes_nothing(rig):
     image = np.random.default_rng(1).integers(0, 256, (256, 256)).astype(np.uint8)
     with torch.inference_mode():
         before = network(torch.from_numpy(image.astype(np.float32))[None]).depth_mm[0].numpy()
-    depth_mm, _ = CompactEstimator(rig, network).estimate_with_scale(image)
+    depth_mm = ScaleEstimator(rig, network).estimate(image).depth_mm
     np.testing.assert_allclose(depth_mm, before, rtol=1e-3)  # float32 rounding, amplified where turns are few
 
 
 def test_same_image_gives_the_same_bits_whatever_was_seen_before(rig, network):
-    estimator = CompactEstimator(rig, network)
+    estimator = ScaleEstimator(rig, network)
     rng = np.random.default_rng(2)
     image, other = rng.integers(0, 256, (2, 256, 256)).astype(np.uint8)
     first = estimator.estimate(image)
@@ -105,9 +106,10 @@ def test_same_image_gives_the_same_bits_whatever_was_seen_before(rig, network):
 
 def test_pixels_are_valid_where_the_predicted_scale_is_small_enough(rig, network):
     image = np.random.default_rng(3).integers(0, 256, (256, 256)).astype(np.uint8)
-    _, scale_mm = CompactEstimator(rig, network).estimate_with_scale(image)
-    threshold = float(np.median(scale_mm))
-    estimate = CompactEstimator(rig, network, max_scale_mm=threshold).estimate(image)
+    with torch.inference_mode():
+        scale_mm = network.eval()(torch.from_numpy(image.astype(np.float32))[None]).log_scale.exp()
+    threshold = float(scale_mm.median())
+    estimate = ScaleEstimator(rig, network, max_scale_mm=threshold).estimate(image)
     assert 0.4 < estimate.valid.mean() < 0.6
     assert estimate.depth_mm.dtype == np.float32
 
@@ -115,7 +117,7 @@ def test_pixels_are_valid_where_the_predicted_scale_is_small_enough(rig, network
 @pytest.mark.parametrize("image", [np.zeros((128, 128), np.uint8), np.zeros((256, 256), np.int32)])
 def test_estimator_refuses_other_images(rig, network, image):
     with pytest.raises(InvalidValueError, match="image"):
-        CompactEstimator(rig, network).estimate(image)
+        ScaleEstimator(rig, network).estimate(image)
 
 
 def test_size_that_cannot_be_halved_often_enough_is_refused():
@@ -130,6 +132,7 @@ def test_impossible_sizes_are_refused(change):
         CompactConfig(**change)
 
 
-def test_threshold_must_be_positive(rig, network):
-    with pytest.raises(InvalidValueError, match="max_scale_mm"):
-        CompactEstimator(rig, network, max_scale_mm=0.0)
+@pytest.mark.parametrize("options", [{"max_scale_mm": 0.0}, {"max_scale_mm": np.nan}, {"device": "tpu"}, {"device": "cuda:x"}])
+def test_impossible_options_are_refused(rig, network, options):
+    with pytest.raises(InvalidValueError, match=next(iter(options))):
+        ScaleEstimator(rig, network, **options)

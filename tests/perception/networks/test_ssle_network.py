@@ -1,16 +1,19 @@
+from dataclasses import replace
+
 import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
 from laploop.errors import InvalidValueError, UnknownNameError
-from laploop.perception.networks.latent_unet import LatentUNet, LatentUNetConfig
+from laploop.perception.network_specs import NETWORKS
+from laploop.perception.networks.configs import LatentUNetConfig, SsleConfig, VqVaeConfig
+from laploop.perception.networks.latent_unet import LatentUNet
 from laploop.perception.networks.residual_blocks import ResidualBlock, SelfAttention
-from laploop.perception.networks.ssle_network import SSLE_SIZES, SsleConfig, SsleNetwork
+from laploop.perception.networks.ssle_network import SsleNetwork
 from laploop.perception.networks.vq_vae import (
     Decoder,
     Encoder,
     VqVae,
-    VqVaeConfig,
     depth_to_unit,
     image_to_unit,
     parameter_count,
@@ -18,6 +21,7 @@ from laploop.perception.networks.vq_vae import (
 )
 
 PAPER = VqVaeConfig()
+SSLE = NETWORKS.get("ssle")
 
 
 def _gmac(module, *shape):
@@ -67,7 +71,7 @@ def test_papers_unet_has_the_published_parameters_and_operations():
 
 def test_whole_paper_network_can_be_described_without_memory():
     with torch.device("meta"):
-        network = SsleNetwork(SsleConfig.named("paper"))
+        network = SsleNetwork(SSLE.sized("paper"))
     learned = parameter_count(network) - network.depth_quantizer.codebook.numel()
     # 72.6 M with the framework's decoder, which has 0.26 M more, and without the side heads' 0.11 M.
     assert learned / 1e6 == pytest.approx(72.6 - 0.26 + 0.11, abs=0.06)
@@ -128,7 +132,7 @@ def test_folding_keeps_every_pixel_and_the_layers_at_full_size_away():
 
 def test_estimate_from_codes_is_that_from_the_image():
     torch.manual_seed(6)
-    network = SsleNetwork(SsleConfig.named("tiny", height=32, width=32)).eval()
+    network = SsleNetwork(SSLE.sized("tiny").for_image(32, 32)).eval()
     image = torch.rand(2, 32, 32) * 255.0
     indices = network.quantizer.lookup(network.encoder(image_to_unit(image)))
     depth_mm = network.from_codes(network.quantizer.decode(indices)).depth_mm
@@ -146,11 +150,11 @@ def test_depth_range_maps_to_tanhs_and_back():
 
 def test_quantizing_the_predicted_latent_leaves_codebook_entries_only():
     torch.manual_seed(4)
-    tiny = SsleConfig.named("tiny", height=32, width=32)
+    tiny = SSLE.sized("tiny").for_image(32, 32)
     network = SsleNetwork(tiny).eval()
     image = torch.rand(1, 32, 32) * 255.0
     plain = network(image)
-    quantizing = SsleNetwork(SsleConfig(**{**vars(tiny), "quantize_depth": True})).eval()
+    quantizing = SsleNetwork(replace(tiny, quantize_depth=True)).eval()
     quantizing.load_state_dict(network.state_dict())
     torch.testing.assert_close(quantizing(image).latent, plain.latent)
     entries = network.depth_quantizer(plain.latent).values
@@ -159,7 +163,7 @@ def test_quantizing_the_predicted_latent_leaves_codebook_entries_only():
 
 def test_standardised_latent_is_scaled_back_for_the_decoder():
     torch.manual_seed(5)
-    network = SsleNetwork(SsleConfig.named("tiny", height=32, width=32)).eval()
+    network = SsleNetwork(SSLE.sized("tiny").for_image(32, 32)).eval()
     network.latent_mean.fill_(0.5)
     network.latent_deviation.fill_(2.0)
     output = network(torch.rand(1, 32, 32) * 255.0)
@@ -167,16 +171,16 @@ def test_standardised_latent_is_scaled_back_for_the_decoder():
     torch.testing.assert_close(network.standardize(2.0 * output.latent + 0.5), output.latent)
 
 
-@pytest.mark.parametrize("size", SSLE_SIZES)
+@pytest.mark.parametrize("size", SSLE.sizes)
 def test_every_named_size_fits_its_parts_together(size):
     with torch.device("meta"):
-        network = SsleNetwork(SsleConfig.named(size)).eval()
+        network = SsleNetwork(SSLE.sized(size)).eval()
     assert network(torch.empty(1, 256, 256, device="meta")).depth_mm.shape == (1, 256, 256)
 
 
 def test_unknown_size_is_refused_and_the_known_ones_are_listed():
     with pytest.raises(UnknownNameError, match="paper, small, tiny"):
-        SsleConfig.named("huge")
+        SSLE.sized("huge")
 
 
 @pytest.mark.parametrize(

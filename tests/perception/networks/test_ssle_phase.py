@@ -10,7 +10,8 @@ from laploop.assets.stripe_mask import StripeMask
 from laploop.errors import InvalidValueError
 from laploop.perception.carrier import StripeCarrier, gaussian_matrix
 from laploop.perception.geometry import Rig
-from laploop.perception.networks.ssle_phase import SslePhase, SslePhaseConfig, triangulate
+from laploop.perception.networks.configs import SslePhaseConfig
+from laploop.perception.networks.ssle_phase import SslePhase, triangulate
 from laploop.perception.networks.ssle_phase_front import (
     REFERENCE_M,
     PhaseFrontEnd,

@@ -1,4 +1,3 @@
-import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -8,22 +7,17 @@ from safetensors.torch import load_file
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
-from laploop.errors import InvalidValueError, MissingFileError, OutputError, WeightsError
+from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.data.datasets import open_dataset
 from laploop.perception.data.frame_store import FrameStore
-from laploop.perception.estimators.base import DepthEstimator
-from laploop.perception.estimators.registry import make_estimator
 from laploop.perception.geometry import Rig
 from laploop.perception.network_specs import NETWORKS
-from laploop.perception.networks.dual_unet import DualUNet
-from laploop.perception.networks.ssle_network import SsleNetwork
 from laploop.perception.networks.vq_vae import VqVae
 from laploop.perception.training.run import TrainingRun, train_network
 from laploop.perception.training.samples import Samples, loader
 from laploop.perception.training.settings import DualUNetTraining, Machine, Schedule, SsleLoss, SsleTraining
 from laploop.perception.training.ssle import UNetRecipe
 from laploop.perception.training.stage_module import EpochWriter
-from laploop.perception.weights import save_weights
 
 OPTICS = ScopeOptics(width=64, height=64, mask=StripeMask(stripes=8))
 RIG = Rig.from_optics(OPTICS)
@@ -174,52 +168,3 @@ def test_impossible_augmentation_is_refused(change):
 def test_impossible_loss_weights_are_refused(change):
     with pytest.raises(InvalidValueError):
         SsleLoss(**change)
-
-
-@pytest.mark.parametrize(
-    ("name", "config", "network"),
-    [("ssle", SSLE, SsleNetwork), ("dual-unet", DUAL, DualUNet)],
-)
-class TestEstimators:
-    def test_size_is_told_by_the_file_and_the_contract_is_kept(self, tmp_path, name, config, network):
-        path = tmp_path / "w.safetensors"
-        save_weights(path, network(config).state_dict(), config.architecture)
-        estimator = make_estimator(name, RIG, path)
-        assert isinstance(estimator, DepthEstimator)
-        image = np.random.default_rng(0).integers(0, 256, (64, 64)).astype(np.uint8)
-        first, second = estimator.estimate(image), estimator.estimate(image)
-        assert first.depth_mm.shape == (64, 64)
-        assert np.isfinite(first.depth_mm).all()
-        np.testing.assert_array_equal(first.depth_mm, second.depth_mm)
-        if name == "ssle":
-            np.testing.assert_array_equal(first.valid, (first.depth_mm >= 40.0) & (first.depth_mm <= 160.0))
-
-    def test_wrong_image_is_refused(self, tmp_path, name, config, network):
-        path = tmp_path / "w.safetensors"
-        save_weights(path, network(config).state_dict(), config.architecture)
-        with pytest.raises(InvalidValueError, match="height, width"):
-            make_estimator(name, Rig.from_optics(ScopeOptics()), path)
-        estimator = make_estimator(name, RIG, path)
-        for image in (np.zeros((32, 64), np.uint8), np.zeros((64, 64), np.uint16)):
-            with pytest.raises(InvalidValueError, match="image"):
-                estimator.estimate(image)
-
-    def test_weights_that_are_not_its_own_are_refused(self, tmp_path, name, config, network):
-        path = tmp_path / "w.safetensors"
-        with pytest.raises(MissingFileError, match="laploop train"):
-            make_estimator(name, RIG, path)
-        path.write_bytes(pickle.dumps({"a": 1}))
-        with pytest.raises(WeightsError, match="pickle"):
-            make_estimator(name, RIG, path)
-        save_weights(path, {}, {"format": "another"})
-        with pytest.raises(WeightsError, match="another"):
-            make_estimator(name, RIG, path)
-        save_weights(path, network(config).state_dict(), {**config.architecture, "farthest_mm": -1.0})
-        with pytest.raises(WeightsError, match=r"impossible network: farthest_mm is -1\.0; allowed: above 0"):
-            make_estimator(name, RIG, path)
-        save_weights(path, network(config).state_dict(), {**config.architecture, "depths": 3})
-        with pytest.raises(WeightsError, match="unknown field 'depths'"):
-            make_estimator(name, RIG, path)
-        save_weights(path, {}, config.architecture)
-        with pytest.raises(WeightsError, match="architecture"):
-            make_estimator(name, RIG, path)

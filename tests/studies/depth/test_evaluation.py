@@ -8,17 +8,18 @@ import torch
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
-from laploop.errors import InvalidValueError, MissingFileError, OutputError, UnknownNameError
+from laploop.errors import InvalidValueError, LaploopError, MissingFileError, OutputError, UnknownNameError
 from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
 from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.data.pair_store import PairFrame, PairStore
-from laploop.perception.estimators import registry
+from laploop.perception.estimators import ESTIMATORS
 from laploop.perception.estimators.monocular import MODELS, MonocularEstimator
 from laploop.perception.estimators.phase import PhaseEstimator
 from laploop.perception.geometry import Intrinsics, Rig, invert_transform, transform_points
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.reprojection import BrownDistortion
-from laploop.studies.depth.evaluation import DepthEvaluation, EstimatorCache, evaluate_depth
+from laploop.studies.depth.config import DepthEvaluation
+from laploop.studies.depth.evaluation import EstimatorCache, evaluate_depth
 
 OFFSET_MM = 2.0
 """By how much the reference camera of the pairs below is wrong along the scope's axis."""
@@ -104,8 +105,17 @@ def pairs(tmp_path_factory):
 
 
 @pytest.fixture
-def own_names(monkeypatch):
-    monkeypatch.setattr(registry, "_FACTORIES", dict(registry._FACTORIES))
+def register():
+    """Return a function that registers an estimator for one test."""
+    names = []
+
+    def add(name, factory):
+        ESTIMATORS.register(name, factory)
+        names.append(name)
+
+    yield add
+    for name in names:
+        ESTIMATORS.unregister(name)
 
 
 def test_oracle_is_exact_on_every_pixel(dataset):
@@ -195,7 +205,7 @@ def test_residual_has_exactly_the_asked_size():
     )
 
 
-def test_monocular_rows_are_raw_and_fitted(pairs, own_names):
+def test_monocular_rows_are_raw_and_fitted(pairs, register):
     class Guess(torch.nn.Module):
         """Says that the right of the image is nearer, on a scale of its own."""
 
@@ -204,7 +214,7 @@ def test_monocular_rows_are_raw_and_fitted(pairs, own_names):
         def forward(self, pixel_values):
             return SimpleNamespace(predicted_depth=pixel_values[:, 0] + torch.linspace(0.0, 1.0, 32))
 
-    registry.register("guess", lambda rig, weights: MonocularEstimator(rig, Guess(), MODELS["dpt"]))
+    register("guess", lambda rig: MonocularEstimator(rig, Guess(), MODELS["dpt"]))
     table = evaluate_depth(pairs, ["guess"], progress=False, config=DepthEvaluation(against="both"))
     for against in ("zivid", "exact-at-zivid", "exact"):
         assert table.row("guess raw", against=against).every.mae_mm > 1.0
@@ -212,7 +222,7 @@ def test_monocular_rows_are_raw_and_fitted(pairs, own_names):
         assert table.row("guess fitted", against=against).every.mae_mm < 0.01
 
 
-def test_every_frame_is_estimated_with_its_own_rig(dataset, own_names, monkeypatch):
+def test_every_frame_is_estimated_with_its_own_rig(dataset, register, monkeypatch):
     seen = []
 
     class Spy(PhaseEstimator):
@@ -220,7 +230,7 @@ def test_every_frame_is_estimated_with_its_own_rig(dataset, own_names, monkeypat
             seen.append(self.rig.baseline_m)
             return super().estimate(image)
 
-    registry.register("spy", lambda rig, weights: Spy(rig=rig))
+    register("spy", lambda rig: Spy(rig=rig))
     original = FrameStore.rig
 
     def rig(self, index):
@@ -232,9 +242,9 @@ def test_every_frame_is_estimated_with_its_own_rig(dataset, own_names, monkeypat
     assert seen == pytest.approx([0.004, 0.0045, 0.005])
 
 
-def test_estimators_are_made_once_a_rig_and_not_kept_without_end(own_names):
+def test_estimators_are_made_once_a_rig_and_not_kept_without_end(register):
     rig, made = Rig.from_optics(ScopeOptics()), []
-    registry.register("mine", lambda rig, weights: made.append(rig) or PhaseEstimator(rig=rig))
+    register("mine", lambda rig: made.append(rig) or PhaseEstimator(rig=rig))
     cache = EstimatorCache(["mine"])
     rigs = [Rig(camera=rig.camera, baseline_m=0.004 + 1e-5 * number, mask=rig.mask) for number in range(20)]
     for _ in range(2):
@@ -245,13 +255,26 @@ def test_estimators_are_made_once_a_rig_and_not_kept_without_end(own_names):
     assert len(cache._by_rig) == 16
 
 
-def test_estimate_that_is_not_finite_is_refused(dataset, own_names):
+@pytest.mark.parametrize(
+    ("returned", "message"),
+    [
+        (lambda depth, valid: DepthEstimate(depth_mm=depth * np.nan, valid=valid), "finite and above 0 where valid is True"),
+        (lambda depth, valid: DepthEstimate(depth_mm=-depth, valid=valid), "finite and above 0 where valid is True"),
+        (lambda depth, valid: DepthEstimate(depth_mm=depth[:9], valid=valid[:9]), "shape of the estimate"),
+        (lambda depth, valid: (depth, valid), "estimate is 'tuple'"),
+        (lambda depth, valid: None, "estimate is 'nothing'"),
+    ],
+)
+def test_what_an_estimator_returns_is_checked(dataset, register, returned, message):
     class Broken:
-        def estimate(self, image):
-            return DepthEstimate(depth_mm=np.full(image.shape, np.nan, np.float32), valid=np.ones(image.shape, bool))
+        def __init__(self, rig):
+            pass
 
-    registry.register("broken", lambda rig, weights: Broken())
-    with pytest.raises(InvalidValueError, match="estimate under the mask"):
+        def estimate(self, image):
+            return returned(np.full(image.shape, 90.0, np.float32), np.ones(image.shape, bool))
+
+    register("broken", Broken)
+    with pytest.raises(InvalidValueError, match=message):
         evaluate_depth(dataset, ["broken"], progress=False)
 
 
@@ -329,5 +352,5 @@ def test_folder_that_cannot_be_written_is_an_output_error(dataset, tmp_path):
     ],
 )
 def test_impossible_configuration_is_refused(change):
-    with pytest.raises(InvalidValueError):
+    with pytest.raises(LaploopError, match=next(reversed(change)).removesuffix("_mm")):
         DepthEvaluation(**change)

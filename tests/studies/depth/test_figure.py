@@ -5,7 +5,7 @@ from matplotlib.image import imread
 from laploop.errors import InvalidValueError
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.metrics import DepthErrors, MetricsInterval
-from laploop.studies.depth.evaluation import DepthEvaluation
+from laploop.studies.depth.config import DepthEvaluation
 from laploop.studies.depth.figure import draw_comparison, draw_distance, draw_examples
 from laploop.studies.depth.table import DepthExample, DepthRow, DepthTable
 

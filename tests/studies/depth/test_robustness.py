@@ -6,8 +6,9 @@ import pytest
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError, UnknownNameError
+from laploop.studies.depth.config import RobustnessConfig
 from laploop.studies.depth.robustness import SURROUNDINGS, measure_robustness, write_robustness
-from laploop.studies.depth.robustness_scenes import CONDITIONS, PHASE_SHIFT, RobustnessConfig, robustness_frames
+from laploop.studies.depth.robustness_scenes import CONDITIONS, PHASE_SHIFT, robustness_frames
 
 TINY = RobustnessConfig(tissues=2, frames_per_tissue=2, seed=3)
 

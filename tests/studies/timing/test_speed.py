@@ -7,7 +7,8 @@ from laploop.cli.main import main
 from laploop.envs.episode import EpisodeConfig
 from laploop.envs.loop.latency import TraceLatency
 from laploop.errors import InvalidValueError, MissingFileError, UnknownNameError
-from laploop.studies.timing.speed import SpeedConfig, SpeedResult, measure_speed, trace_csv
+from laploop.studies.timing.speed import SpeedResult, measure_speed, trace_csv
+from laploop.studies.timing.speed_config import SpeedConfig
 
 
 def result_of(latency_ms):
@@ -47,7 +48,7 @@ def test_episode_takes_a_trace_in_place_of_the_constant(tmp_path):
 
 
 def test_options_that_do_not_go_together_are_refused(tmp_path):
-    with pytest.raises(UnknownNameError, match="unknown model 'eyes'"):
+    with pytest.raises(UnknownNameError, match="unknown estimator 'eyes'"):
         SpeedConfig(model="eyes")
     with pytest.raises(InvalidValueError, match="frames"):
         SpeedConfig(frames=1)
@@ -59,6 +60,26 @@ def test_options_that_do_not_go_together_are_refused(tmp_path):
         SpeedConfig(model="oracle")
     with pytest.raises(InvalidValueError, match="auto or estimator for 'phase'"):
         measure_speed(SpeedConfig(model="phase", backend="torch"))
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"threads": 0},
+        {"threads": 1.5},
+        {"threads": True},
+        {"seed": -1},
+        {"frames": float("nan")},
+        {"warm_up": "30"},
+        {"backend": "tensorrt"},
+        {"precision": "fp8"},
+        {"device": "tpu"},
+        {"device": "cuda:x"},
+    ],
+)
+def test_impossible_options_are_refused(options):
+    with pytest.raises((InvalidValueError, UnknownNameError), match=next(iter(options))):
+        measure_speed(SpeedConfig(**{"model": "phase", "frames": 10, "warm_up": 1, **options}))
 
 
 def test_command_leaves_trace_figure_and_summary(tmp_path):
