@@ -274,6 +274,7 @@ def test_same_stream_gives_the_same_bits_also_after_a_reset():
     assert predictor.predict(last_ns + 100_000_000) == first
 
 
+@pytest.mark.slow
 def test_tick_and_update_are_short():
     predictor, last_ns = trained()
     ticks, updates = [], []

@@ -58,17 +58,24 @@ def test_it_stands_at_the_working_distance_and_hardly_sags(config, solid):
     assert theatre.tissue.top_vertex_count == theatre.tissue.top_triangles.max() + 1
 
 
-def test_it_stays_at_rest_for_two_seconds_without_a_warning_at_a_fair_price(config):
+def test_it_stays_at_rest_for_two_seconds_without_a_warning(config):
+    theatre = Theatre(config)
+    for _ in range(1000):
+        # `step` raises on any warning.
+        theatre.step()
+    # m/s: slower than any sensor could see.
+    assert np.abs(theatre.data.qvel).max() < 1e-5
+
+
+@pytest.mark.slow
+def test_a_step_takes_at_most_three_milliseconds(config):
     theatre = Theatre(config)
     seconds = []
     for _ in range(1000):
         begin = time.perf_counter()
-        # `step` raises on any warning.
         theatre.step()
         seconds.append(time.perf_counter() - begin)
-    # m/s: slower than any sensor could see.
-    assert np.abs(theatre.data.qvel).max() < 1e-5
-    # A busy machine may take twice the 3 ms that are promised; the fastest tenth may not.
+    # The fastest tenth: a busy machine takes longer for most of them.
     assert np.quantile(seconds, 0.1) < 0.003
 
 
