@@ -19,7 +19,6 @@ def test_every_example_runs_from_any_folder(path, tmp_path):
         capture_output=True,
         text=True,
         check=False,
-        timeout=240,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip()

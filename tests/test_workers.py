@@ -91,5 +91,5 @@ def test_nothing_outlives_a_parent_that_is_killed(tmp_path, how):
     parent.communicate()
     assert parent.returncode == -how
     assert len(family) >= 5
-    # They notice within 0.2 s; the bound leaves room for a busy machine.
-    assert psutil.wait_procs(family, timeout=30)[1] == []
+    # The test's own time limit fails it if one lives on.
+    psutil.wait_procs(family)

@@ -13,7 +13,6 @@ from laploop.cli.output import OutputFolder, plain
 from laploop.cli.parsing import parse
 from laploop.studies.timing.bench import BenchConfig, run_bench
 from laploop.studies.timing.bench_result import as_csv, as_markdown
-from laploop.studies.timing.machine import describe_machine
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,18 +32,18 @@ def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     chosen = parse(BenchArguments, arguments, "bench")
     with OutputFolder(chosen.out, "bench") as folder:
-        machine = describe_machine()
         with progress_bar("measuring", 1.0) as advance_to:
             result = run_bench(chosen.bench, advance_to)
-        results = {"machine": machine, **result.as_dict()}
+        results = result.as_dict()
         folder.write_text("bench.json", json.dumps(plain(results), indent=2, allow_nan=False) + "\n")
         folder.write_text("bench.csv", as_csv(result))
-        folder.write_text("bench.md", as_markdown(result, machine))
+        folder.write_text("bench.md", as_markdown(result))
         folder.write_summary(results, config=chosen, seed=chosen.bench.seed)
+    machine = result.machine
     table = ResultTable(f"medians on {machine['cpu']}, {machine['usable_cores']} cores")
     for stage in result.stages:
-        table.row(stage.name, stage.p50_ms, "ms" if stage.limit_ms is None else f"ms (asked: {stage.limit_ms:g})")
+        table.row(stage.name, stage.p50_ms, "ms" if stage.limit_ms is None else f"ms (target: {stage.limit_ms:g})")
     factor = results["loop"]["real_time_factor"]["median"]
-    table.row("real-time factor", factor, f"(asked: {results['loop']['limit_real_time_factor']:g})")
+    table.row("real-time factor", factor, f"(target: {results['loop']['limit_real_time_factor']:g})")
     table.show(folder.path)
     return 0

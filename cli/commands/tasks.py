@@ -1,4 +1,4 @@
-"""`laploop tasks`: the table of all tasks, measured against what is asked of them."""
+"""`laploop tasks`: the table of all tasks, measured against their targets."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -23,11 +23,11 @@ from laploop.studies.timing.machine import describe_machine
 
 @dataclass(frozen=True, kw_only=True)
 class TasksArguments:
-    """Run every task under the conditions that count, over many seeds, and tell what is as asked.
+    """Run every task under its reference conditions, over many seeds, and compare the results with their targets.
 
-    Writes `tasks.md`, `tasks.csv`, a `trials.csv` for each campaign in a folder of its name, and `summary.json`. A finished
-    episode is kept: when the command is run again with the same options, it goes on where it was. Whether all is as asked
-    stands in the table; the exit status is 1 only if an episode could not be run.
+    Writes `tasks.md`, `tasks.csv`, a `trials.csv` for each campaign in a folder of its name, and `summary.json`. Finished
+    episodes are kept: the same command resumes where it was stopped. The table says which targets are met; the exit status is 1
+    only if an episode could not be run.
     """
 
     table: tyro.conf.OmitArgPrefixes[TaskTableConfig] = field(default_factory=TaskTableConfig)
@@ -51,11 +51,11 @@ def main(arguments: Sequence[str]) -> int:
         folder.write_summary({**results, "machine": describe_machine()}, config=chosen, seed=config.first_seed)
     table = ResultTable(f"{len(campaigns)} campaigns of {config.seeds} seeds")
     for line in results["campaigns"]:
-        verdict = "as asked" if line["met"] else "NOT as asked"
+        verdict = "meets its targets" if line["met"] else "MISSES a target"
         table.row(line["campaign"], f"{100 * line['success_rate']:.0f} % success", verdict)
         for check in line["checks"]:
             if check["met"] is False:
-                table.row(f"  {check['name']}", quantity(check), f"asked: {check['bar']}")
+                table.row(f"  {check['name']}", quantity(check), f"target: {check['bar']}")
         if line["errors"]:
             table.row("  could not be run", str(line["errors"]), "episodes")
     table.show(folder.path)

@@ -17,8 +17,8 @@ from laploop.studies.episodes.trials_figure import draw_trials
 class TrialsArguments:
     """Run many closed-loop episodes that differ in their seed alone.
 
-    Writes `trials.csv`, `trials.md`, `trials.png` and `summary.json`. A finished episode is kept in `DIR/rows`: when the
-    command is run again with the same options, it goes on where it was. The exit status is 1 if an episode could not be run.
+    Writes `trials.csv`, `trials.md`, `trials.png` and `summary.json`. Finished episodes are kept in `DIR/rows`: the same
+    command resumes where it was stopped. The exit status is 1 if an episode could not be run.
     """
 
     trials: tyro.conf.OmitArgPrefixes[TrialsConfig] = field(default_factory=TrialsConfig)

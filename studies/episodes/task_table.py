@@ -1,46 +1,43 @@
-"""The table of tasks: campaigns of episodes, measured against what is asked of them."""
+"""The table of tasks: campaigns of episodes, measured against their targets."""
 
 import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+from laploop.configuration import Field, configuration
 from laploop.envs.episode import EpisodeConfig
-from laploop.errors import OutputError, UnknownNameError, check_range
+from laploop.errors import OutputError, UnknownNameError
 from laploop.studies.episodes.task_campaigns import CAMPAIGNS, Campaign
 from laploop.studies.episodes.trials import Row, TrialsConfig, run_trials
 
 MET = {None: "", True: "yes", False: "no"}
-"""What is said of a number; nothing where nothing is asked."""
+"""How the table says whether a number meets its target; empty where it has none."""
 
 _COLUMNS = ("campaign", "episodes", "success_rate", "name", "unit", "statistic", "value", "min", "max", "missing", "bar", "met")
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class TaskTableConfig:
     """Which campaigns to run, and how many episodes of each."""
 
-    seeds: int = 30
+    seeds: Annotated[int, Field(ge=1, le=100_000)] = 30
     """Episodes of a campaign."""
-    first_seed: int = 0
+    first_seed: Annotated[int, Field(ge=0, lt=2**31 - 100_000)] = 0
     """Seed of the first of them."""
-    workers: int = 1
+    workers: Annotated[int, Field(ge=1, le=1024)] = 1
     """Processes that run episodes at the same time."""
     only: tuple[str, ...] = ()
     """Names of campaigns; all if none is given."""
 
     def __post_init__(self) -> None:
-        """Check numbers and names.
+        """Check the names.
 
         Raises:
-            InvalidValueError: If a number is out of range.
             UnknownNameError: If there is no such campaign.
         """
-        check_range("seeds", self.seeds, 1, 100_000)
-        check_range("first_seed", self.first_seed, 0, 2**31 - 1 - self.seeds)
-        check_range("workers", self.workers, 1, 1024)
         names = [campaign.name for campaign in CAMPAIGNS]
         for name in self.only:
             if name not in names:
@@ -65,12 +62,12 @@ def run_task_table(
     Args:
         config: How many.
         out: An existing folder.
-        progress: Called with the number of rows that are there.
-        campaigns: Used in place of those that the config chooses.
+        progress: Called with the number of rows so far.
+        campaigns: Used in place of those that the configuration chooses.
         run: Runs one episode; must be picklable with more than one worker.
 
     Raises:
-        LaploopError: If something is wrong that every episode would meet.
+        LaploopError: If something is wrong for every episode.
         WorkerError: If the worker processes cannot be started, or one of them dies.
         OutputError: If a folder cannot be made.
     """
@@ -94,13 +91,13 @@ def run_task_table(
 
 
 def summarise_tasks(rows: Mapping[str, Sequence[Row]], campaigns: Sequence[Campaign] = CAMPAIGNS) -> dict[str, Any]:
-    """Return a line for each campaign that was run, in the order of the table, and whether all is as asked."""
+    """Return a line for each campaign that was run, in the order of the table, and whether all meet their targets."""
     lines = [campaign.result(rows[campaign.name], rows) for campaign in campaigns if campaign.name in rows]
     return {"campaigns": lines, "met": all(line["met"] for line in lines)}
 
 
 def table_csv(summary: Mapping[str, Any]) -> str:
-    """Write one line a number as CSV."""
+    """Write a line for each number as CSV."""
     text = io.StringIO()
     writer = csv.DictWriter(text, fieldnames=_COLUMNS, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
@@ -111,7 +108,7 @@ def table_csv(summary: Mapping[str, Any]) -> str:
 
 
 def table_markdown(summary: Mapping[str, Any]) -> str:
-    """Write the numbers of every campaign as Markdown, with what is asked."""
+    """Write the numbers of every campaign as Markdown, with their targets."""
     lines = ["# Tasks", ""]
     for line in summary["campaigns"]:
         low, high = line["success_interval_95"]
@@ -124,7 +121,7 @@ def table_markdown(summary: Mapping[str, Any]) -> str:
             f"Success {100 * line['success_rate']:.1f} % of {line['episodes']} (95 %: {100 * low:.1f} to {100 * high:.1f} %).",
             *([f"{line['errors']} could not be run."] if line["errors"] else []),
             "",
-            "| what | how | measured | episodes from | to | asked | met |",
+            "| quantity | statistic | measured | min | max | target | met |",
             "|---|---|---|---|---|---|---|",
         ]
         for check in line["checks"]:

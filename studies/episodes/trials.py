@@ -1,23 +1,25 @@
-"""Many episodes, one a seed, and what they add up to."""
+"""Many episodes, one a seed, and their totals."""
 
 import csv
+import hashlib
 import io
 import json
-import math
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, field, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.configuration import Field, configuration
 from laploop.envs.episode import EpisodeConfig, run_episode
-from laploop.errors import InfeasibleError, InvalidValueError, OutputError, SimulationError
+from laploop.errors import InfeasibleError, InvalidValueError, SimulationError
+from laploop.whole_file import whole_file
 from laploop.workers import run_in_workers
 
 Row = dict[str, Any]
@@ -39,28 +41,18 @@ COLUMNS = (
     "real_time_factor",
     "error",
 )
-"""Columns of every task's table; behind them come the task's own metrics and what the arms' limits were used to."""
+"""Columns of every task's table; the task's own metrics and the arms' use of their limits follow."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class TrialsConfig:
     """Which episodes to run: `episode` as it is, and with each of the following seeds."""
 
     episode: EpisodeConfig = field(default_factory=EpisodeConfig)
-    seeds: int = 30
-    """How many episodes."""
-    workers: int = 1
+    seeds: Annotated[int, Field(ge=1, le=100_000)] = 30
+    """Number of episodes."""
+    workers: Annotated[int, Field(ge=1, le=1024)] = 1
     """Processes that run episodes at the same time."""
-
-    def __post_init__(self) -> None:
-        """Check the counts.
-
-        Raises:
-            InvalidValueError: If one is out of range.
-        """
-        for name, least, most in (("seeds", 1, 100_000), ("workers", 1, 1024)):
-            if not least <= getattr(self, name) <= most:
-                raise InvalidValueError(name, getattr(self, name), f"{least} to {most}")
 
     def episodes(self) -> tuple[EpisodeConfig, ...]:
         """Return the configuration of every episode."""
@@ -75,29 +67,32 @@ def run_trials(
 ) -> list[Row]:
     """Run the episodes that have no row yet, and return the rows of all, in the order of their seeds.
 
-    A finished episode's row is kept in `out/rows`; one that is there for the same configuration and version of laploop is
-    not run again (remove the folder to start over). An episode whose physics or control failed gives a row without success,
+    A finished episode's row is kept in `out/rows`. A row of the same configuration, content of its files and version of laploop
+    is not run again (remove the folder to start over). An episode whose physics or control failed gives a row without success,
     and is tried again the next time.
 
     Args:
         config: What to run.
         out: An existing folder.
-        progress: Called with the number of rows that are there.
+        progress: Called with the number of rows so far.
         run: Runs one episode, `run_trial` if not given; must be picklable with more than one worker.
 
     Raises:
-        LaploopError: If something is wrong that every episode would meet, as missing weights.
+        LaploopError: If something is wrong for every episode, such as missing weights.
         WorkerError: If the worker processes cannot be started, or one of them dies.
     """
     folder = out / ROWS_FOLDER
-    rows = {episode.seed: row for episode in config.episodes() if (row := _kept_row(folder, episode)) is not None}
+    identity = _identity(config.episode)
+    rows = {
+        episode.seed: row for episode in config.episodes() if (row := _kept_row(folder, identity, episode.seed)) is not None
+    }
     missing = [episode for episode in config.episodes() if episode.seed not in rows]
     if progress is not None:
         progress(len(rows))
 
     def keep(episode: EpisodeConfig, row: Row) -> None:
         rows[episode.seed] = row
-        _keep_row(folder, episode, row)
+        _keep_row(folder, identity, row)
         if progress is not None:
             progress(len(rows))
 
@@ -144,7 +139,7 @@ def row_of(seed: int, summary: Mapping[str, Any]) -> Row:
 
 
 def summarise(rows: Sequence[Row]) -> dict[str, Any]:
-    """Add rows up: the success rate with its 95 % interval (Wilson's), final errors of all that ended, worst values."""
+    """Return totals: the success rate with its 95 % interval (Wilson's), final errors of all that ended, worst values."""
     errors = _column(rows, "final_error_mm")
     successes = sum(bool(row["success"]) for row in rows)
     return {
@@ -169,17 +164,16 @@ def summarise(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _names(rows: Sequence[Row], *groups: str) -> tuple[str, ...]:
-    """Return the names in groups of the rows, `metrics` or `limits`, in the order of their first appearance."""
+    """Return the names in some groups of the rows, `metrics` or `limits`, in the order of their first appearance."""
     return tuple(dict.fromkeys(name for group in groups for row in rows for name in row.get(group, {})))
 
 
 def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """Return the 95 % interval of a rate by Wilson's score (J Am Stat Assoc 1927;22:209)."""
-    z = 1.959963985
-    rate = successes / trials
-    middle = (rate + z * z / (2 * trials)) / (1 + z * z / trials)
-    half = z * math.sqrt(rate * (1 - rate) / trials + z * z / (4 * trials * trials)) / (1 + z * z / trials)
-    return max(0.0, middle - half), min(1.0, middle + half)
+    from scipy.stats import binomtest  # slow to import
+
+    interval = binomtest(successes, trials).proportion_ci(method="wilson")
+    return float(interval.low), float(interval.high)
 
 
 def as_csv(rows: Sequence[Row]) -> str:
@@ -204,7 +198,7 @@ def as_markdown(rows: Sequence[Row], summary: Mapping[str, Any]) -> str:
     ]
     metrics = {**summary["metrics"], **summary["limits"]}
     if metrics:
-        lines += ["| metric | mean | least | greatest |", "|---|---|---|---|"]
+        lines += ["| metric | mean | min | max |", "|---|---|---|---|"]
         for name, one in metrics.items():
             lines.append(f"| {name} | {_cell(one['mean'])} | {_cell(one['min'])} | {_cell(one['max'])} |")
         lines.append("")
@@ -231,7 +225,7 @@ def _spreads(rows: Sequence[Row], group: str) -> dict[str, dict[str, float | Non
 
 
 def _spread(values: Sequence[float | None]) -> dict[str, float | None]:
-    """Return mean, least and greatest of what was measured."""
+    """Return mean, minimum and maximum of what was measured."""
     known = [value for value in values if value is not None]
     if not known:
         return {"mean": None, "min": None, "max": None}
@@ -253,36 +247,36 @@ def _share_cores(workers: int) -> None:
     torch.set_num_threads(max(1, (os.cpu_count() or 1) // workers))
 
 
-def _plain(episode: EpisodeConfig) -> dict[str, Any]:
-    """Return the configuration as JSON would give it back."""
-    plain: dict[str, Any] = json.loads(json.dumps(asdict(episode), default=str))
-    return plain
+def _identity(episode: EpisodeConfig) -> dict[str, Any]:
+    """Return all that decides an episode's row, apart from its seed: a file counts by its content, wherever it lies."""
+    plain = json.loads(json.dumps(asdict(episode), default=_digest))
+    return {"version": version("laploop"), "episode": {name: value for name, value in plain.items() if name != "seed"}}
 
 
-def _row_path(folder: Path, episode: EpisodeConfig) -> Path:
-    return folder / f"seed_{episode.seed:06d}.json"
+def _digest(value: object) -> str:
+    if isinstance(value, Path) and value.is_file():
+        with value.open("rb") as stream:
+            return f"sha256:{hashlib.file_digest(stream, 'sha256').hexdigest()}"
+    return str(value)
 
 
-def _kept_row(folder: Path, episode: EpisodeConfig) -> Row | None:
-    path = _row_path(folder, episode)
+def _row_path(folder: Path, seed: int) -> Path:
+    return folder / f"seed_{seed:06d}.json"
+
+
+def _kept_row(folder: Path, identity: Mapping[str, Any], seed: int) -> Row | None:
+    path = _row_path(folder, seed)
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
+        row: Row = kept["row"]
+        same = row["seed"] == seed and row["error"] is None and all(kept.get(name) == identity[name] for name in identity)
     except FileNotFoundError:
         return None
-    except ValueError as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InvalidValueError("kept row", str(path), "JSON as this command wrote it; remove the file") from error
-    same = kept["version"] == version("laploop") and kept["episode"] == _plain(episode)
-    row: Row = kept["row"]
-    return row if same and row["error"] is None else None
+    return row if same else None
 
 
-def _keep_row(folder: Path, episode: EpisodeConfig, row: Row) -> None:
-    path = _row_path(folder, episode)
-    partial = path.with_suffix(".partial")
-    kept = {"version": version("laploop"), "episode": _plain(episode), "row": row}
-    try:
-        folder.mkdir(exist_ok=True)
-        partial.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise OutputError(f"cannot write {path}: {error.strerror}") from error
+def _keep_row(folder: Path, identity: Mapping[str, Any], row: Row) -> None:
+    with whole_file(_row_path(folder, row["seed"])) as path:
+        path.write_text(json.dumps({**identity, "row": row}, indent=1) + "\n", encoding="utf-8")

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
+from laploop.configuration import Field, configuration
 from laploop.control.arm.rcm_controller import RcmController
 from laploop.control.controllers.reach import ReachController
 from laploop.envs.episode import EpisodeConfig, run_episode
@@ -22,13 +23,14 @@ from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.sensors.stripe_capture import StripeCapture
 from laploop.envs.tasks.reach import ReachConfig, ReachEnv
 from laploop.envs.theatre.theatre import Theatre
-from laploop.errors import InvalidValueError, SimulationError
+from laploop.errors import SimulationError
 from laploop.perception.estimators.oracle import OracleEstimator
-from laploop.perception.estimators.registry import make_estimator
+from laploop.perception.estimators.registry import check_estimator, make_estimator
 from laploop.perception.geometry import Rig, invert_transform
 from laploop.perception.messages import DepthFrame, StripeFrame
 from laploop.perception.reprojection import reproject
 from laploop.studies.timing.bench_result import BenchResult, Stage
+from laploop.studies.timing.machine import describe_machine
 from laploop.studies.timing.tick_times import kinematics_beside, tracking_tick_times
 
 _WARM_UP_CALLS = 10
@@ -40,33 +42,31 @@ _REFERENCE_CALLS = 10
 """Of the reference camera and of the reprojection, which take a thousand times as long as other stages."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class BenchConfig:
     """What to measure."""
 
-    calls: int = 250
-    """Calls of every stage, at least; ten of the reference camera's."""
-    seed: int = 0
+    calls: Annotated[int, Field(ge=20, le=100_000)] = 250
+    """Minimum number of calls of every stage; ten of the reference camera's."""
+    seed: Annotated[int, Field(ge=0, lt=2**31 - 1000)] = 0
     """Seed of the first theatre; each further episode takes the next."""
-    episodes: int = 3
+    episodes: Annotated[int, Field(ge=1, le=1000)] = 3
     """Whole episodes without a recording, each with the next seed."""
     estimators: tuple[str, ...] = ("oracle", "phase", "compact")
     """Estimators whose time for a frame is measured."""
     perception: str = "compact"
     """Estimator of the whole episodes."""
-    seconds: float = 10.0
+    seconds: Annotated[float, Field(gt=0.0, le=3600.0)] = 10.0
     """Simulated time after which an unsolved episode ends."""
 
     def __post_init__(self) -> None:
-        """Check the ranges.
+        """Check the names.
 
         Raises:
-            InvalidValueError: If a count is out of range.
+            UnknownNameError: If there is no such estimator.
         """
-        for name, least, most in (("calls", 20, 100_000), ("episodes", 1, 1000)):
-            if not least <= getattr(self, name) <= most:
-                raise InvalidValueError(name, getattr(self, name), f"{least} to {most}")
-        EpisodeConfig(perception=self.perception, seed=self.seed, seconds=self.seconds)
+        for name in (self.perception, *self.estimators):
+            check_estimator(name)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -85,13 +85,14 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
 
     Args:
         config: What to measure.
-        progress: Called with the share that is done, 0 to 1.
+        progress: Called with the fraction done, 0 to 1.
 
     Raises:
         SimulationError: If no episode brings the tip onto the tissue.
     """
-    report = progress or (lambda _share: None)
+    report = progress or (lambda _fraction: None)
     report(0.0)
+    machine = describe_machine()
     rig = Rig.from_optics(LoopConfig().scope)
     estimators = {name: make_estimator(name, rig) for name in config.estimators}
     touch = _reach_the_tissue(config)
@@ -134,7 +135,7 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
         episode = EpisodeConfig(perception=config.perception, seed=config.seed + number, seconds=config.seconds)
         episodes.append({"seed": episode.seed, **run_episode(episode)})
     report(1.0)
-    return BenchResult(stages=tuple(stages), episodes=tuple(episodes))
+    return BenchResult(machine=machine, stages=tuple(stages), episodes=tuple(episodes))
 
 
 def _reach_the_tissue(config: BenchConfig) -> _Touch:

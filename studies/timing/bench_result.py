@@ -1,4 +1,4 @@
-"""What the bench measured, and how it is written."""
+"""The results of the bench, as plain data, CSV and Markdown."""
 
 import csv
 import io
@@ -16,7 +16,7 @@ LIMITS_MS: Mapping[str, float] = {
     "reference capture, 2x2": 1500.0,
     "reprojection, full cloud": 500.0,
 }
-"""What the loop, and the collection of a data set, ask of a machine with two cores: of the median."""
+"""Targets of the loop, and of collecting a data set, on a machine with two cores; for the median."""
 
 LIMITS_P99_MS: Mapping[str, float] = {
     "control tick": 0.6,
@@ -25,8 +25,8 @@ LIMITS_P99_MS: Mapping[str, float] = {
     "control tick alone: prediction": 0.6,
     "control tick alone: kinematics, QP, prediction": 0.6,
 }
-"""What is asked of the 99th percentile. The first two are whole ticks, the second with prediction by rhythms; the third is what
-of the second does not take a depth frame's measurement. The last two are the same without physics on the core in between."""
+"""Targets for the 99th percentile. The first two are whole ticks, the second with prediction by rhythms; the third leaves out
+the measurement of a depth frame. The last two are the same without physics on the core in between."""
 
 LIMIT_REAL_TIME_FACTOR = 0.3
 
@@ -42,9 +42,9 @@ class Stage:
     p95_ms: float
     p99_ms: float
     limit_ms: float | None
-    """For the median; None where nothing is asked."""
+    """Target for the median; None where there is none."""
     limit_p99_ms: float | None
-    """For the 99th percentile."""
+    """Target for the 99th percentile."""
 
     @classmethod
     def of(cls, name: str, seconds: Sequence[float] | NDArray[np.float64]) -> "Stage":
@@ -64,16 +64,19 @@ class Stage:
 
 @dataclass(frozen=True, kw_only=True)
 class BenchResult:
-    """All that was measured."""
+    """All that was measured, and on what."""
 
+    machine: Mapping[str, Any]
+    """As `describe_machine` returned it before the measurement."""
     stages: tuple[Stage, ...]
     episodes: tuple[Mapping[str, Any], ...]
     """Summaries of the whole episodes."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data: `stages`, `loop` (real-time factor, and what a simulated second is spent on), `episodes`."""
+        """Return plain data: `machine`, `stages`, `loop` (real-time factor, median time of each stage), `episodes`."""
         factors = [episode["real_time_factor"] for episode in self.episodes]
         return {
+            "machine": dict(self.machine),
             "stages": [asdict(stage) for stage in self.stages],
             "loop": {
                 "real_time_factor": {"median": float(np.median(factors)), "min": min(factors), "max": max(factors)},
@@ -96,28 +99,29 @@ def as_csv(result: BenchResult) -> str:
     return text.getvalue()
 
 
-def as_markdown(result: BenchResult, machine: Mapping[str, Any]) -> str:
+def as_markdown(result: BenchResult) -> str:
     """Write machine, stages and loop as Markdown."""
+    machine = result.machine
     lines = [
         (
             f"Measured on {machine['cpu']}, {machine['usable_cores']} cores, {machine['memory_gib']} GiB, "
             f"{machine['system']}; load before the measurement {machine['load_1min']}."
         ),
         "",
-        "| stage | calls | 5 % [ms] | median [ms] | 95 % [ms] | 99 % [ms] | asked of the median [ms] | of the 99 % [ms] |",
+        "| stage | calls | 5 % [ms] | median [ms] | 95 % [ms] | 99 % [ms] | target of the median [ms] | of the 99 % [ms] |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for stage in result.stages:
         numbers = " | ".join(f"{value:.3f}" for value in (stage.p5_ms, stage.p50_ms, stage.p95_ms, stage.p99_ms))
-        asked = " | ".join("" if limit is None else f"{limit:g}" for limit in (stage.limit_ms, stage.limit_p99_ms))
-        lines.append(f"| {stage.name} | {stage.calls} | {numbers} | {asked} |")
+        targets = " | ".join("" if limit is None else f"{limit:g}" for limit in (stage.limit_ms, stage.limit_p99_ms))
+        lines.append(f"| {stage.name} | {stage.calls} | {numbers} | {targets} |")
     loop = result.as_dict()["loop"]
     factor = loop["real_time_factor"]
     lines += [
         "",
         (
             f"The whole loop runs at {factor['median']:.2f} of real time without a recording ({factor['min']:.2f} to "
-            f"{factor['max']:.2f} in {len(result.episodes)} episodes; asked: {LIMIT_REAL_TIME_FACTOR:g})."
+            f"{factor['max']:.2f} in {len(result.episodes)} episodes; target: {LIMIT_REAL_TIME_FACTOR:g})."
         ),
     ]
     return "\n".join(lines) + "\n"

@@ -87,7 +87,7 @@ def test_errors_of_the_episodes_are_pooled_and_compared_with_those_without_predi
     assert check_of(summary, "track-oracle-unpredicted", "RMS error along the normal")["met"] is None
 
 
-def test_what_misses_what_is_asked_shows():
+def test_a_missed_target_shows():
     summary = summarise_tasks(tracks([0.6, 0.6], [1.2, 1.2]))
     assert check_of(summary, "track-oracle", "RMS error along the normal")["met"] is False
     assert check_of(summary, "track-oracle", "gain over track-oracle-unpredicted")["met"] is False
@@ -202,5 +202,5 @@ def test_command_writes_the_table(tmp_path, capsys, monkeypatch):
     assert (tmp_path / "out" / "track-oracle" / "trials.csv").read_text().count("\n") == 3
     assert {path.name for path in (tmp_path / "out").iterdir()} >= {"tasks.md", "tasks.csv", "summary.json"}
     shown = capsys.readouterr().out
-    assert "NOT as asked" in shown
+    assert "MISSES a target" in shown
     assert "gain over" in shown

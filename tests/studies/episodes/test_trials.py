@@ -1,6 +1,5 @@
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -96,10 +95,11 @@ def test_error_that_every_episode_would_meet_stops_the_trials(tmp_path):
         run_trials(TrialsConfig(episode=EPISODE, seeds=2), tmp_path, run=without_weights)
 
 
-def test_damaged_row_is_named(tmp_path):
+@pytest.mark.parametrize("damaged", ["{", "[]", "null", "{}", '{"row": 3}', "\udcff"])
+def test_damaged_row_is_named(tmp_path, damaged):
     run_trials(TrialsConfig(episode=EPISODE, seeds=1), tmp_path, run=row_for)
     (kept,) = (tmp_path / "rows").iterdir()
-    kept.write_text("{")
+    kept.write_text(damaged, errors="surrogateescape")
     with pytest.raises(InvalidValueError, match="seed_000000"):
         run_trials(TrialsConfig(episode=EPISODE, seeds=1), tmp_path, run=row_for)
 
@@ -169,11 +169,19 @@ def test_command_fails_when_an_episode_could_not_be_run(tmp_path, monkeypatch):
     assert "broken" in (tmp_path / "trials.csv").read_text()
 
 
-def test_rows_of_a_users_own_phantom_are_kept_too(tmp_path):
-    config = TrialsConfig(episode=replace(EPISODE, phantom=Path("organ.stl")), seeds=2)
+@pytest.mark.parametrize("name", ["weights", "phantom", "latency_trace"])
+def test_rows_are_kept_by_the_content_of_files_not_by_their_path(tmp_path, name):
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.write_text("one")
+    config = TrialsConfig(episode=replace(EPISODE, **{name: first}), seeds=2)
     rows = run_trials(config, tmp_path, run=row_for)
 
     def never(_episode):
         raise AssertionError
 
     assert run_trials(config, tmp_path, run=never) == rows
+    first.rename(second)
+    assert run_trials(replace(config, episode=replace(EPISODE, **{name: second})), tmp_path, run=never) == rows
+    first.write_text("another")
+    with pytest.raises(AssertionError):
+        run_trials(config, tmp_path, run=never)
