@@ -2,7 +2,6 @@ from .calibration_board import CalibrationBoard as CalibrationBoard
 from .dof_target import DepthOfFieldTarget as DepthOfFieldTarget
 from .instrument import build_instrument as build_instrument
 from .laparoscope import build_laparoscope as build_laparoscope
-from .mask_fabrication import FabricationRoute as FabricationRoute
 from .mask_fabrication import fabricated as fabricated
 from .operating_table import build_operating_table as build_operating_table
 from .operating_table import build_stage as build_stage
@@ -23,7 +22,6 @@ __all__ = [
     "LAPAROSCOPE",
     "CalibrationBoard",
     "DepthOfFieldTarget",
-    "FabricationRoute",
     "ScopeOptics",
     "Shaft",
     "StripeMask",

@@ -1,12 +1,12 @@
 """A checkerboard for the calibration of cameras."""
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.errors import InvalidValueError
+from laploop.configuration import Field, configuration
+from laploop.errors import InvalidValueError, check_range
 
 _PAPER = 1.0
 _INK = 0.1
@@ -14,56 +14,52 @@ _MM = 1e-3
 
 
 class BoardSurface(NamedTuple):
-    """Triangles of the board in its own frame; no vertex is shared between cells."""
+    """Triangles of a printed plane in its own frame; cells share no vertex, so that ink may end sharply."""
 
     points: NDArray[np.float64]
     """(n, 3), metres."""
     triangles: NDArray[np.int32]
     """(m, 3), rows of `points`; the printed side faces -z."""
     albedo_factor: NDArray[np.float64]
-    """(n,): 1 on blank paper, less on ink, in between along the edges of the ink."""
+    """(n,): 1 on blank paper, less on ink."""
 
 
-@dataclass(frozen=True, kw_only=True)
+Squares = Annotated[int, Field(ge=4, le=40)]
+
+
+@configuration
 class CalibrationBoard:
     """A matte plane with dark and bright squares and a blank border.
 
     Frame: origin at the first inner corner, x along the rows of corners, y down the columns, z into the plane; the printed
-    side faces -z, so that a camera that looks straight at it has parallel axes. The square left above the first corner is
-    dark; with an odd and an even number of squares along the two sides the one opposite is bright, and a picture tells which
-    corner is the first.
+    side faces -z, so that a camera that looks straight at it has parallel axes. The square left of and above the first corner
+    is dark; with an odd and an even number of squares along the two sides the opposite one is bright, so that a picture shows
+    which corner is the first.
 
     The default fills half of a 60 degree view at 95 mm, its squares 13 to 22 pixels wide at 120 to 70 mm with 256 pixels
-    across. Markers inside of such squares would have modules of 2 to 3 pixels, too few to be read: hence no ChArUco board.
+    across. The markers of a ChArUco board would have modules of 2 to 3 pixels, too few to be read.
     """
 
-    columns: int = 8
+    columns: Squares = 8
     """Squares along x."""
-    rows: int = 7
+    rows: Squares = 7
     """Squares along y; one of the two numbers is even, the other odd."""
-    square_mm: float = 7.0
-    border_mm: float = 7.0
-    """Blank paper around the squares; detectors want about the width of a square."""
-    edge_mm: float = 0.4
-    """Width over which an edge passes from dark to bright. A ray caster samples a pixel at its centre; this stands for the
-    area of the pixel and the blur of the lens, which is about as wide. Corners stay where they are."""
+    square_mm: Annotated[float, Field(ge=1.0, le=200.0)] = 7.0
+    """Side of a square."""
+    border_mm: Annotated[float, Field(ge=0.01, le=200.0)] = 7.0
+    """Width of the blank paper around the squares; detectors need about a square."""
+    edge_mm: Annotated[float, Field(ge=0.01, le=100.0)] = 0.4
+    """Width of the transition from dark to bright. A ray caster samples a pixel at its centre; the transition stands for the
+    pixel's area and the lens's blur, which are about as wide. Corners do not move."""
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        for name in ("columns", "rows"):
-            if not 4 <= getattr(self, name) <= 40:
-                raise InvalidValueError(name, getattr(self, name), "an integer from 4 to 40")
+        """Check numbers and widths against each other."""
         if (self.columns + self.rows) % 2 == 0:
             raise InvalidValueError("columns and rows", (self.columns, self.rows), "an even and an odd number")
-        for name, low, high in (("square_mm", 1.0, 200.0), ("border_mm", self.edge_mm, 200.0)):
-            if not low <= getattr(self, name) <= high:
-                raise InvalidValueError(name, getattr(self, name), f"{low:g} to {high:g}")
-        if not 0.01 <= self.edge_mm <= 0.5 * self.square_mm:
+        if not self.edge_mm <= 0.5 * self.square_mm:
             raise InvalidValueError("edge_mm", self.edge_mm, f"0.01 to {0.5 * self.square_mm:g}, half a square")
+        if not self.border_mm >= self.edge_mm:
+            raise InvalidValueError("border_mm", self.border_mm, f"edge_mm, {self.edge_mm:g}, to 200")
 
     @property
     def corner_grid(self) -> tuple[int, int]:
@@ -91,13 +87,13 @@ class CalibrationBoard:
     def surface(self) -> BoardSurface:
         """Return the board's triangles.
 
-        The lines of the grid lie half an edge to either side of each border of ink, so that the albedo, which is interpolated
-        inside a triangle, is even on the squares and a ramp across the edges. A vertex in the middle of each cell keeps the
-        pattern symmetric about the corners.
+        Grid lines lie half an edge to either side of each border of ink, so that the albedo, which is interpolated inside a
+        triangle, is constant on the squares and a ramp across the edges. A vertex in the middle of each cell keeps the pattern
+        symmetric about the corners.
         """
         x, shade_x = self._lines(self.columns)
         y, shade_y = self._lines(self.rows)
-        # The signs of the two directions multiply to that of a square; the border has none and is paper.
+        # The signs of the two directions multiply to that of a square; the border's is 0, paper.
         sign = shade_x[:, None] * shade_y
         albedo = np.where(sign > 0.0, _INK, _PAPER)
         i, j = (index.ravel() for index in np.meshgrid(np.arange(len(x) - 1), np.arange(len(y) - 1), indexing="ij"))
@@ -123,14 +119,13 @@ class CalibrationBoard:
 
 
 def blank_card(width_mm: float, height_mm: float) -> BoardSurface:
-    """Return a card of the board's paper without ink; its frame is as the board's, but the origin is its middle.
+    """Return a card of the board's paper without ink; axes as the board's, origin in the middle.
 
     Raises:
         InvalidValueError: If a side lies outside its range.
     """
-    for name, side in (("width_mm", width_mm), ("height_mm", height_mm)):
-        if not 1.0 <= side <= 2000.0:
-            raise InvalidValueError(name, side, "1 to 2000")
+    check_range("width_mm", width_mm, 1.0, 2000.0)
+    check_range("height_mm", height_mm, 1.0, 2000.0)
     corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]]) * [width_mm * _MM, height_mm * _MM]
     triangles = np.array([[2, 1, 0], [3, 2, 0]], dtype=np.int32)
     return BoardSurface(np.column_stack([corners, np.zeros(4)]), triangles, np.full(4, _PAPER))

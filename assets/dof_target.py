@@ -1,13 +1,13 @@
 """A depth-of-field target: an inclined ruler beside a blank field, for optical characterisation."""
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.errors import InvalidValueError, check_range
+from laploop.assets.calibration_board import BoardSurface
+from laploop.configuration import Field, configuration
 
 _PAPER = 1.0
 _INK = 0.15
@@ -16,62 +16,35 @@ _SEGMENTS = {"2": "abged", "5": "afgcd"}
 """Of a seven-segment digit: a top, b and c right, d bottom, e and f left, g middle."""
 
 
-class TargetSurface(NamedTuple):
-    """Triangles of a target in its own frame; no vertex is shared between cells, so that ink ends sharply."""
-
-    points: NDArray[np.float64]
-    """(n, 3), metres."""
-    triangles: NDArray[np.int32]
-    """(m, 3), rows of `points`; the printed side faces -z."""
-    albedo_factor: NDArray[np.float64]
-    """(n,): 1 on blank paper, less on ink."""
-
-
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class DepthOfFieldTarget:
     """A plane with a scale in millimetres that runs along its x axis and away from the camera.
 
     Frame: origin at the middle mark of the scale (25 mm), x along the scale, y across, z into the plane; the printed side
-    faces -z. The upper part (negative y) is blank: stripes are measured there. The scale with its marks lies below, a mark a
-    millimetre, longer at 5 and 10 mm, the one in the middle thickest and numbered. Targets for measuring depth of field are
+    faces -z. The upper part (negative y) is blank: stripes are measured there. The scale lies below, with a mark each
+    millimetre, longer ones every 5 and 10 mm, the middle one thickest and numbered. Targets for measuring depth of field are
     commonly inclined by 45 degrees.
     """
 
-    length_mm: int = 50
-    """Length of the scale; a multiple of ten."""
-    tilt_rad: float = math.radians(45.0)
+    length_mm: Annotated[int, Field(ge=10, le=200, multiple_of=10)] = 50
+    """Length of the scale."""
+    tilt_rad: Annotated[float, Field(ge=0.0, le=math.radians(75.0))] = math.radians(45.0)
     """Angle between the scale and the plane that faces the camera."""
-    mark_width_mm: float = 0.25
-    blank_height_mm: float = 12.0
+    mark_width_mm: Annotated[float, Field(ge=0.05, le=0.6)] = 0.25
+    """Width of a mark; the middle one is three times as wide."""
+    blank_height_mm: Annotated[float, Field(ge=2.0, le=100.0)] = 12.0
     """From the upper edge to the middle line."""
-    ruled_height_mm: float = 20.0
+    ruled_height_mm: Annotated[float, Field(ge=19.0, le=100.0)] = 20.0
     """From the middle line to the lower edge; marks begin at 8 mm."""
-    margin_mm: float = 3.0
+    margin_mm: Annotated[float, Field(ge=1.0, le=50.0)] = 3.0
     """Paper beyond the first and the last mark."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        if not (10 <= self.length_mm <= 200 and self.length_mm % 10 == 0):
-            raise InvalidValueError("length_mm", self.length_mm, "a multiple of 10 from 10 to 200")
-        for name, low, high in (
-            ("tilt_rad", 0.0, math.radians(75.0)),
-            ("mark_width_mm", 0.05, 0.6),
-            ("blank_height_mm", 2.0, 100.0),
-            ("ruled_height_mm", 19.0, 100.0),
-            ("margin_mm", 1.0, 50.0),
-        ):
-            check_range(name, getattr(self, name), low, high)
 
     @property
     def centre_mm(self) -> float:
         """Scale reading of the mark in the middle."""
         return 0.5 * self.length_mm
 
-    def surface(self) -> TargetSurface:
+    def surface(self) -> BoardSurface:
         """Return the target's triangles."""
         ink = self._ink_mm()
         half = self.centre_mm + self.margin_mm
@@ -86,7 +59,7 @@ class DepthOfFieldTarget:
         first = 4 * np.arange(len(left), dtype=np.int32)[:, None, None]
         # Wound so that the normals point to -z, to the camera.
         triangles = (first + np.array([[0, 2, 1], [0, 3, 2]], dtype=np.int32)).reshape(-1, 3)
-        return TargetSurface(points, triangles, np.repeat(np.where(inked, _INK, _PAPER), 4))
+        return BoardSurface(points, triangles, np.repeat(np.where(inked, _INK, _PAPER), 4))
 
     def camera_from_target(self, distance_m: float) -> NDArray[np.float64]:
         """Place the middle mark on the axis of a computer-vision camera, the scale along the image's x and away from it.

@@ -1,13 +1,17 @@
-"""Nominal numbers of the structured-light laparoscope's two channels, free of any simulator."""
+"""Nominal geometry of the structured-light laparoscope's two channels."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated
 
-from laploop.assets.stripe_mask import StripeMask
-from laploop.errors import InvalidValueError
+from laploop.assets.stripe_mask import FieldOfView, StripeMask
+from laploop.configuration import Field, configuration
+
+Pixels = Annotated[int, Field(ge=16, le=4096, multiple_of=2)]
+Baseline = Annotated[float, Field(ge=1e-4, le=0.1)]
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class ScopeOptics:
     """Camera and projector channel at the distal tip, parallel, the projector to the camera's right (+x).
 
@@ -15,24 +19,12 @@ class ScopeOptics:
     the usual field of view of such a scope.
     """
 
-    width: int = 256
-    height: int = 256
-    fov_rad: float = math.radians(60.0)
+    width: Pixels = 256
+    """Columns of the camera's image."""
+    height: Pixels = 256
+    """Rows of the camera's image."""
+    fov_rad: FieldOfView = math.radians(60.0)
     """Full horizontal field of view of the camera."""
-    baseline_m: float = 0.005
+    baseline_m: Baseline = 0.005
+    """From the camera's centre to the projector's, along the camera's +x."""
     mask: StripeMask = field(default_factory=StripeMask)
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        for name in ("width", "height"):
-            size = getattr(self, name)
-            if size < 16 or size % 2:
-                raise InvalidValueError(name, size, "an even number of pixels, at least 16")
-        if not 0.0 < self.fov_rad < math.pi:
-            raise InvalidValueError("fov_rad", self.fov_rad, "above 0 and below pi")
-        if not 0.0 < self.baseline_m < 0.1:
-            raise InvalidValueError("baseline_m", self.baseline_m, "above 0 and below 0.1 m")

@@ -1,9 +1,10 @@
-"""Shape, mechanics and resolution of the phantom, as numbers."""
+"""Shape, mechanics, appearance and resolution of the phantom, as numbers."""
 
 from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
+from laploop.assets.tissue_appearance import TissueAppearance
 from laploop.configuration import Field, configuration
 from laploop.errors import InvalidValueError
 
@@ -76,10 +77,12 @@ class TissueMaterial:
 
 @configuration
 class TissueConfig:
-    """Shape, mechanics and resolution of the phantom."""
+    """Shape, mechanics, appearance and resolution of the phantom."""
 
     shape: TissueShape = field(default_factory=TissueShape)
     material: TissueMaterial = field(default_factory=TissueMaterial)
+    appearance: TissueAppearance = field(default_factory=TissueAppearance)
+    """Patches and detail on top of the smooth texture that each seed has."""
     cells: tuple[Cells, Cells] = (10, 10)
     """Lattice cells along x and y; cost grows with their number, and so does the detail of a dent.
 

@@ -10,6 +10,7 @@ from rich.progress import Progress
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.shafts import INSTRUMENT
+from laploop.assets.tissue_appearance import AppearanceRanges, TissueAppearance, draw_appearance
 from laploop.assets.tissue_config import TissueConfig
 from laploop.envs.sensors.optics.scope_ranges import ScopeRanges, draw_scope
 from laploop.envs.sensors.stripe_camera import StripeCamera
@@ -26,7 +27,14 @@ _TISSUE_STREAM = 71
 """Keeps the tissues' random numbers apart from those of theatres, whose seeds are small integers too."""
 _PRESS_TRAVEL_M = 0.006
 _ILL_EXPOSED_SHARES = (0.1, 0.5)
-_ADDED_LATER = ("randomised_scopes", "scope_ranges", "large_tool_share", "ill_exposed_share")
+_ADDED_LATER = (
+    "randomised_scopes",
+    "scope_ranges",
+    "randomised_appearances",
+    "appearance_ranges",
+    "large_tool_share",
+    "ill_exposed_share",
+)
 """Not in the recipe where they change nothing, so that data sets made before they existed can still be gone on with."""
 
 
@@ -47,6 +55,9 @@ class TrainingFramesConfig:
     randomised_scopes: float = 0.0
     """Share of the tissues that are seen through a scope of their own, drawn from `scope_ranges`."""
     scope_ranges: ScopeRanges = field(default_factory=ScopeRanges)
+    randomised_appearances: float = 0.0
+    """Fraction of the tissues with patches and detail drawn from `appearance_ranges`."""
+    appearance_ranges: AppearanceRanges = field(default_factory=AppearanceRanges)
     large_tool_share: float = 0.0
     """Share of the frames with the instrument in which it covers a large part of the view."""
     ill_exposed_share: float = 0.0
@@ -65,7 +76,7 @@ class TrainingFramesConfig:
             raise InvalidValueError("number of tissues", 0, "at least 1 over the three splits")
         if self.frames_per_tissue < 1:
             raise InvalidValueError("frames_per_tissue", self.frames_per_tissue, "an integer from 1")
-        for name in ("tool_share", "randomised_scopes", "large_tool_share", "ill_exposed_share"):
+        for name in ("tool_share", "randomised_scopes", "randomised_appearances", "large_tool_share", "ill_exposed_share"):
             check_range(name, getattr(self, name), 0.0, 1.0)
         if self.seed < 0:
             raise InvalidValueError("seed", self.seed, "an integer from 0")
@@ -85,10 +96,12 @@ class TrainingFramesConfig:
             del values[name]
         if self.randomised_scopes == 0.0:
             del values["scope_ranges"]
+        if self.randomised_appearances == 0.0:
+            del values["appearance_ranges"]
         for item in fields(self):
             if item.name in _ADDED_LATER and item.name in values and getattr(self, item.name) == item.default:
                 del values[item.name]
-        for name in ("ranges", "scope_ranges"):
+        for name in ("ranges", "scope_ranges", "appearance_ranges"):
             if name in values:
                 values[name] = {key: list(value) if isinstance(value, tuple) else value for key, value in values[name].items()}
         return values
@@ -98,6 +111,12 @@ class TrainingFramesConfig:
         rng = np.random.default_rng([self.seed, _TISSUE_STREAM, 2, tissue])
         drawn = self.randomised_scopes > 0.0 and rng.random() < self.randomised_scopes
         return draw_scope(self.optics, rng, self.scope_ranges) if drawn else self.optics
+
+    def appearance_of(self, tissue: int) -> TissueAppearance:
+        """Return what a tissue looks like."""
+        rng = np.random.default_rng([self.seed, _TISSUE_STREAM, 3, tissue])
+        drawn = rng.random() < self.randomised_appearances
+        return draw_appearance(rng, self.appearance_ranges) if drawn else TissueAppearance()
 
 
 def render_training_frames(config: TrainingFramesConfig, out: Path, *, progress: bool = True) -> Path:
@@ -160,7 +179,7 @@ def _render_tissue(config: TrainingFramesConfig, out: Path, tissue: int) -> int:
     tissue_rng = np.random.default_rng([config.seed, _TISSUE_STREAM, 0, tissue])
     scene = TrainingScene(TissueConfig(), tissue_rng)
     camera = StripeCamera(Rig.from_optics(config.scope_of(tissue)), threads=1)
-    camera.attach(scene.model, rng=tissue_rng)
+    camera.attach(scene.model, rng=tissue_rng, appearance=config.appearance_of(tissue))
     for index in todo:
         rng = _frame_rng(config, index)
         with_tool = rng.random() < config.tool_share

@@ -139,7 +139,7 @@ class ClosedLoop:
         self._injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
         self._camera = StripeCamera(self.rig, self.config.stripes, device=self.config.device)
-        self._camera.attach(self.theatre.model, rng=texture_rng)
+        self._camera.attach(self.theatre.model, rng=texture_rng, appearance=self.theatre.config.tissue.appearance)
         self._server = PerceptionServer(self.estimator, self.config.latency, latency_rng)
         self._proprioception = Proprioception(
             self.tool, self.config.proprioception, self.config.rates.physics_steps_per_control

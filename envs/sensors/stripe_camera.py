@@ -1,6 +1,7 @@
 """The laparoscope's camera and projector channel, ray cast."""
 
 from collections.abc import Collection
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -9,12 +10,12 @@ import warp as wp
 from numpy.typing import NDArray
 from scipy.special import ive
 
+from laploop.assets.tissue_appearance import TissueAppearance
 from laploop.envs.sensors.kernels import shading_kernels
 from laploop.envs.sensors.optics.lens_distortion import distorted_rays
 from laploop.envs.sensors.optics.mask_stack import MaskStack
 from laploop.envs.sensors.optics.mask_table import FINE_COLUMNS, MaskTable
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
-from laploop.envs.sensors.optics.tissue_appearance import TissueAppearance
 from laploop.envs.sensors.stripe_capture import ExactView, StripeCapture
 from laploop.envs.sensors.tracing.ray_scene import RayScene, open_device
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
@@ -150,6 +151,9 @@ class StripeCamera:
         view = self._tracer.read()
         image = self._image.numpy().reshape(self._shape).astype(np.uint8 if self._optics.bits == 8 else np.uint16)
         electrons = self._seen.numpy().reshape(self._shape).copy()
+        exposure_s = self._optics.exposure_control.next_exposure_s(self._optics.exposure_s, image, self._optics.bits)
+        if exposure_s != self._optics.exposure_s:
+            self.set_optics(replace(self._optics, exposure_s=exposure_s))
         return StripeCapture(**vars(view), image=image, electrons=electrons)
 
     def exact(self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64]) -> ExactView:

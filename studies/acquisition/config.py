@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from laploop.assets.ranges import Span
 from laploop.assets.tissue_config import TissueConfig
-from laploop.envs.sensors.optics.presets import OpticsRanges, Range
+from laploop.envs.sensors.optics.presets import OpticsRanges
 from laploop.errors import InvalidValueError, UnknownNameError, check_range
 from laploop.perception.data.store import SPLITS
 from laploop.studies.scenes.optical_bench import OpticalBench
@@ -26,7 +27,7 @@ _SHARES = (26, 4, 8)
 class StageRanges:
     """Where the stage goes: the paper's working range and moderate surface poses."""
 
-    working_distance_m: Range = (0.060, 0.140)
+    working_distance_m: Span[float] = (0.060, 0.140)
     """From the scope to the mean height of the tissue; the positions of a tissue are spread evenly over it."""
     shift_m: float = 0.020
     """Largest sideways shift, along either axis."""
@@ -76,7 +77,7 @@ class AcquisitionConfig:
     stage: StageRanges = field(default_factory=StageRanges)
     optics: OpticsRanges = field(default_factory=OpticsRanges)
     """Surfaces, blur and noise, drawn anew for every tissue around the bench's preset; its `light` is not used."""
-    exposure_level: Range = (0.25, 0.45)
+    exposure_level: Span[float] = (0.25, 0.45)
     """The light is set once for a tissue, so that its brightest parts in the middle of the range reach this share of what the
     sensor holds: the nearest positions come close to saturation."""
     tissue: TissueConfig = field(default_factory=TissueConfig)

@@ -74,11 +74,14 @@ class AcquisitionStation:
         texture_seed = int(rng.integers(2**32))
         self._scope = bench.scope_camera(threads=1)
         self._scope.set_optics(optics)
-        self._scope.attach(self._scene.model, groups=SCOPE_SEES, rng=np.random.default_rng(texture_seed))
+        appearance = config.tissue.appearance
+        texture_rng = np.random.default_rng(texture_seed)
+        self._scope.attach(self._scene.model, groups=SCOPE_SEES, rng=texture_rng, appearance=appearance)
         self._optics = self._expose(optics, level)
         self._reference = ReferenceCamera(reference_optics(config, self._optics), threads=1)
         # The same seed: both cameras look at the same texture.
-        self._reference.attach(self._scene.model, groups=REFERENCE_SEES, rng=np.random.default_rng(texture_seed))
+        texture_rng = np.random.default_rng(texture_seed)
+        self._reference.attach(self._scene.model, groups=REFERENCE_SEES, rng=texture_rng, appearance=appearance)
 
     def take(self, index: int, store: PairStore) -> tuple[PairFrame, dict[str, Any]]:
         """Move, settle, and take pair `index`, which must be one of this tissue.

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.envs.sensors.optics.presets import OpticsRanges, Range, draw_light, randomised_surfaces
+from laploop.assets.ranges import Span
+from laploop.envs.sensors.optics.presets import OpticsRanges, draw_light, randomised_surfaces
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.errors import InvalidValueError
 
@@ -22,23 +23,23 @@ class FrameRanges(OpticsRanges):
     In half of the frames the light is multiplied by the squared distance as well, as an automatic exposure does.
     """
 
-    working_distance_m: Range = (0.055, 0.150)
+    working_distance_m: Span[float] = (0.055, 0.150)
     """From the camera to the mean height of the tissue."""
-    usual_distance_m: Range = (0.070, 0.110)
+    usual_distance_m: Span[float] = (0.070, 0.110)
     """Half of the frames are taken from here, where the loop works."""
     shift_m: float = 0.020
     """Largest sideways shift of the tissue, along either axis."""
     tilt_rad: float = math.radians(10.0)
     """Largest tilt of the tissue against the camera."""
-    tool_tilt_rad: Range = (math.radians(28.0), math.radians(58.0))
+    tool_tilt_rad: Span[float] = (math.radians(28.0), math.radians(58.0))
     """Angle between the instrument's shaft and the camera's axis."""
     tool_azimuth_rad: float = math.radians(40.0)
     """Most instruments come in from the camera's right, up to this angle off; one in five from anywhere."""
     tool_clearance_m: float = 0.025
     """Least distance between the middle of the shaft and the camera."""
-    hover_m: Range = (0.0, 0.045)
+    hover_m: Span[float] = (0.0, 0.045)
     """Height of a hovering tip above the tissue; squared distribution, so that low heights are frequent."""
-    press_m: Range = (0.0005, 0.0035)
+    press_m: Span[float] = (0.0005, 0.0035)
     """How far a pressing tip goes beyond the resting surface; one instrument in four presses."""
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.optics.presets import optics_preset
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.envs.sensors.reference.camera import ReferenceCamera, lateral_mount
-from laploop.envs.sensors.reference.optics import ReferenceOptics
+from laploop.envs.sensors.reference.optics import ReferenceOptics, Sampling
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.errors import check_range
 from laploop.perception.geometry import Rig, invert_transform
@@ -89,7 +89,7 @@ class OpticalBench:
         )
         return StripeCamera(Rig.from_optics(scope), self.optics, threads=threads)
 
-    def reference_camera(self, *, sampling: str | None = None, threads: int | None = None) -> ReferenceCamera:
+    def reference_camera(self, *, sampling: Sampling | None = None, threads: int | None = None) -> ReferenceCamera:
         """Make the reference camera, at the bench's sampling or another; attach a scene to it."""
         optics = self.reference if sampling is None else replace(self.reference, sampling=sampling)
         return ReferenceCamera(optics, threads=threads)

@@ -1,5 +1,4 @@
 import json
-from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -8,6 +7,7 @@ from PIL import Image
 from laploop.assets.mask_fabrication import ROUTES, fabricated
 from laploop.assets.mask_pattern import decode_pattern, encode_pattern
 from laploop.assets.stripe_mask import StripeMask
+from laploop.configuration import from_plain, to_plain
 from laploop.errors import InvalidValueError, UnknownNameError
 
 
@@ -33,7 +33,7 @@ def test_what_is_no_transmission_is_not_encoded(values):
 
 def test_a_mask_with_a_pattern_survives_json():
     mask = StripeMask(pattern=encode_pattern(np.eye(16)), stripes=4)
-    again = StripeMask(**json.loads(json.dumps(asdict(mask))))
+    again = from_plain(StripeMask, json.loads(json.dumps(to_plain(mask))))
     assert again == mask
     assert hash(again) == hash(mask)
 

@@ -1,51 +1,63 @@
 """Named optical models of the stripe camera, and the ranges within which real ones differ."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 
-from laploop.envs.sensors.optics.stripe_optics import STAGE, TISSUE, TOOL, Material, StripeOptics
-from laploop.errors import InvalidValueError, UnknownNameError
+from laploop.assets.ranges import Span, check_ordered
+from laploop.configuration import Field, configuration
+from laploop.envs.sensors.optics.stripe_optics import (
+    STAGE,
+    TISSUE,
+    TOOL,
+    Fraction,
+    FullWell,
+    LensBlur,
+    Material,
+    ReadNoise,
+    Roughness,
+    SourceBlur,
+    SpotWidth,
+    StrayFraction,
+    StripeOptics,
+)
+from laploop.errors import UnknownNameError
 
-Range = tuple[float, float]
+Light = Annotated[float, Field(ge=1e-3, le=100.0)]
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class OpticsRanges:
-    """Ranges of light, surfaces, blur and sensor, each drawn from evenly unless it says otherwise.
+    """Ranges of light, surfaces, blur and sensor, drawn from evenly unless stated otherwise.
 
     Albedo of bowel serosa 0.3 to 0.5 with a margin, a water film's reflectance (index 1.33 to 1.38: 2.0 to 2.5 %), its
     roughness 0.1 to 0.25 with a margin, read noise 2 to 8 electrons as of CMOS and older CCD sensors of this class.
     """
 
-    light: Range = (0.5, 2.2)
-    """LED power times exposure relative to the nominal, evenly in its logarithm."""
-    tissue_albedo: Range = (0.28, 0.55)
-    tissue_roughness: Range = (0.10, 0.30)
-    tissue_reflectance: Range = (0.020, 0.030)
-    subsurface_fwhm_m: Range = (0.0006, 0.0015)
-    tool_albedo: Range = (0.08, 0.20)
-    tool_roughness: Range = (0.25, 0.50)
-    stage_albedo: Range = (0.06, 0.20)
-    stray_fraction: Range = (0.02, 0.10)
-    source_blur_tan: Range = (0.0080, 0.0100)
-    lens_blur_px: Range = (0.5, 1.0)
-    read_noise_electrons: Range = (2.0, 8.0)
-    full_well_electrons: Range = (8000.0, 14000.0)
+    light: Span[Light] = (0.5, 2.2)
+    """LED power times exposure relative to the nominal, drawn evenly in its logarithm."""
+    tissue_albedo: Span[Fraction] = (0.28, 0.55)
+    tissue_roughness: Span[Roughness] = (0.10, 0.30)
+    tissue_reflectance: Span[Fraction] = (0.020, 0.030)
+    subsurface_fwhm_m: Span[SpotWidth] = (0.0006, 0.0015)
+    tool_albedo: Span[Fraction] = (0.08, 0.20)
+    tool_roughness: Span[Roughness] = (0.25, 0.50)
+    stage_albedo: Span[Fraction] = (0.06, 0.20)
+    stray_fraction: Span[StrayFraction] = (0.02, 0.10)
+    source_blur_tan: Span[SourceBlur] = (0.0080, 0.0100)
+    lens_blur_px: Span[LensBlur] = (0.5, 1.0)
+    read_noise_electrons: Span[ReadNoise] = (2.0, 8.0)
+    full_well_electrons: Span[FullWell] = (8000.0, 14000.0)
 
     def __post_init__(self) -> None:
-        """Check the light; the optics check the rest when they are drawn.
-
-        Raises:
-            InvalidValueError: If its range is empty or not positive.
-        """
-        if not 0.0 < self.light[0] <= self.light[1]:
-            raise InvalidValueError("light", self.light, "0 < low <= high")
+        """Check that no range is empty."""
+        check_ordered(self)
 
 
 def _ideal() -> StripeOptics:
-    """Return optics in which hardly anything but geometry shapes the image.
+    """Return optics in which little but geometry shapes the image.
 
     Full well and light are 57 times those of a real sensor: the same grey values with an eighth of the shot noise.
     """
@@ -98,20 +110,13 @@ def optics_preset(name: str) -> StripeOptics:
     return PRESETS[name]
 
 
-def randomised(optics: StripeOptics, rng: np.random.Generator, ranges: OpticsRanges | None = None) -> StripeOptics:
-    """Draw light, surfaces, blur and sensor anew; what has no range stays as it is in `optics`."""
-    ranges = ranges or OpticsRanges()
-    light = draw_light(rng, ranges)
-    return randomised_surfaces(replace(optics, led_power_w=optics.led_power_w * light), rng, ranges)
-
-
 def draw_light(rng: np.random.Generator, ranges: OpticsRanges) -> float:
     """Draw LED power times exposure, relative to the nominal."""
     return math.exp(rng.uniform(math.log(ranges.light[0]), math.log(ranges.light[1])))
 
 
 def randomised_surfaces(optics: StripeOptics, rng: np.random.Generator, ranges: OpticsRanges) -> StripeOptics:
-    """Draw all but the light; the order of the draws is fixed, for data sets are remade from their seeds."""
+    """Draw all but the light; what has no range keeps its value. The order of draws is fixed: data sets depend on it."""
     return replace(
         optics,
         stray_fraction=rng.uniform(*ranges.stray_fraction),

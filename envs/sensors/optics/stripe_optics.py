@@ -1,43 +1,45 @@
 """The optical and electronic model of the stripe camera, as numbers."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.stripe_mask import StripeMask
+from laploop.configuration import Field, configuration
 from laploop.envs.sensors.object_id import ObjectId
-from laploop.errors import InvalidValueError, check_range
+from laploop.envs.sensors.optics.exposure_control import ExposureControl
 from laploop.perception.reprojection import BrownDistortion
 
 _PLANCK_TIMES_LIGHT_SPEED_J_M = 6.62607015e-34 * 299792458.0
 
 
-@dataclass(frozen=True, kw_only=True)
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+Roughness = Annotated[float, Field(ge=0.02, le=1.0)]
+SpotWidth = Annotated[float, Field(ge=0.0, le=0.02)]
+SourceBlur = Annotated[float, Field(ge=0.0, le=0.2)]
+LensBlur = Annotated[float, Field(ge=0.0, le=10.0)]
+StrayFraction = Annotated[float, Field(ge=0.0, le=0.9)]
+FullWell = Annotated[float, Field(ge=100.0, le=1e6)]
+ReadNoise = Annotated[float, Field(ge=0.0, le=1000.0)]
+Exponent = Annotated[float, Field(ge=0.0, le=8.0)]
+
+
+@configuration
 class Material:
     """How a surface scatters light: Lambert plus GGX, and a Gaussian blur under the surface."""
 
-    albedo: float
-    """Diffuse reflectance at the LED's wavelength; times the scene's own factor at each vertex."""
-    reflectance: float
+    albedo: Fraction
+    """Diffuse reflectance at the LED's wavelength; multiplied by the scene's own factor at each vertex."""
+    reflectance: Fraction
     """Specular reflectance at normal incidence (Fresnel's F0)."""
-    roughness: float
+    roughness: Roughness
     """GGX width alpha."""
-    subsurface_fwhm_m: float = 0.0
+    subsurface_fwhm_m: SpotWidth = 0.0
     """Full width at half maximum of the spot that a point of light makes on the surface."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        check_range("albedo", self.albedo, 0.0, 1.0)
-        check_range("reflectance", self.reflectance, 0.0, 1.0)
-        check_range("roughness", self.roughness, 0.02, 1.0)
-        check_range("subsurface_fwhm_m", self.subsurface_fwhm_m, 0.0, 0.02)
 
 
 TISSUE = Material(albedo=0.4, reflectance=0.025, roughness=0.2, subsurface_fwhm_m=0.001)
@@ -50,7 +52,7 @@ OTHER = Material(albedo=0.4, reflectance=0.0, roughness=0.6)
 """A matte target without scattering under its surface, such as a printed card."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class StripeOptics:
     """Light source, projection, lens, surfaces and sensor of the stripe camera.
 
@@ -64,72 +66,48 @@ class StripeOptics:
 
     where the second part is the defocus of a round aperture. With the defaults the Michelson contrast of a matte facing
     plane is within 0.01 of 0.58 at 70 mm and 0.44 at 100 mm, as measured on the laparoscope that the simulator follows;
-    scattering under the surface of tissue takes more of it.
+    scattering under the surface of tissue lowers it further.
     """
 
-    led_power_w: float = 0.031
+    led_power_w: Annotated[float, Field(ge=0.0, le=10.0)] = 0.031
     """Optical power through the mask's whole field if it had no stripes."""
-    led_exponent: float = 1.0
+    led_exponent: Exponent = 1.0
     """The intensity falls with the cosine of the angle to the projector's axis to this power (1: Lambertian emitter)."""
-    source_blur_tan: float = 0.0090
-    """Standard deviation of the finite source's and the lenses' blur, tangent units."""
-    projector_focus_m: float = 0.050
+    source_blur_tan: SourceBlur = 0.0090
+    """Standard deviation of the blur by the finite source and the lenses, tangent units."""
+    projector_focus_m: Annotated[float, Field(ge=0.005, le=10.0)] = 0.050
     """Distance at which the mask is imaged sharply."""
-    projector_aperture_m: float = 0.0033
+    projector_aperture_m: Annotated[float, Field(ge=0.0, le=0.02)] = 0.0033
     """Diameter of the projection lens's aperture."""
-    stray_fraction: float = 0.05
-    """Share of the projected light that arrives without pattern or shadow: scattered in the optics, reflected by the cavity."""
-    f_number: float = 4.0
-    lens_transmission: float = 0.7
-    vignetting_exponent: float = 1.0
+    stray_fraction: StrayFraction = 0.05
+    """Fraction of the projected light that arrives without pattern or shadow: scattered in the optics, reflected by the
+    cavity."""
+    f_number: Annotated[float, Field(ge=0.7, le=64.0)] = 4.0
+    lens_transmission: Annotated[float, Field(ge=0.01, le=1.0)] = 0.7
+    vignetting_exponent: Exponent = 1.0
     """The lens's transmission falls with the cosine of the angle to the camera's axis to this power."""
-    lens_blur_px: float = 0.7
-    """Standard deviation of the camera lens's point spread; acts on the stripes."""
+    lens_blur_px: LensBlur = 0.7
+    """Standard deviation of the camera lens's point spread, which blurs the stripes."""
     lens_blur_edges: bool = False
-    """Whether the point spread acts on the whole image, edges of objects and highlights too, and not only on the stripes."""
+    """Whether the point spread blurs the whole image, object edges and highlights included, and not the stripes alone."""
     distortion: BrownDistortion = field(default_factory=BrownDistortion)
-    """Of the camera's lens, beside the pinhole of its rig."""
-    exposure_s: float = 0.015
-    wavelength_m: float = 525e-9
-    pixel_pitch_m: float = 3.45e-6
-    quantum_efficiency: float = 0.62
-    full_well_electrons: float = 10500.0
-    """Of a Pregius-class sensor; full scale of the output."""
-    read_noise_electrons: float = 2.5
-    bits: int = 8
-    """Of the output: 8, or 12 as the converters of such sensors have."""
-    tissue: Material = field(default=TISSUE)
-    tool: Material = field(default=TOOL)
-    stage: Material = field(default=STAGE)
-    other: Material = field(default=OTHER)
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        for name, low, high in (
-            ("led_power_w", 0.0, 10.0),
-            ("led_exponent", 0.0, 8.0),
-            ("source_blur_tan", 0.0, 0.2),
-            ("projector_focus_m", 0.005, 10.0),
-            ("projector_aperture_m", 0.0, 0.02),
-            ("stray_fraction", 0.0, 0.9),
-            ("f_number", 0.7, 64.0),
-            ("lens_transmission", 0.01, 1.0),
-            ("vignetting_exponent", 0.0, 8.0),
-            ("lens_blur_px", 0.0, 10.0),
-            ("exposure_s", 1e-6, 1.0),
-            ("wavelength_m", 350e-9, 1100e-9),
-            ("pixel_pitch_m", 0.5e-6, 50e-6),
-            ("quantum_efficiency", 0.01, 1.0),
-            ("full_well_electrons", 100.0, 1e6),
-            ("read_noise_electrons", 0.0, 1000.0),
-        ):
-            check_range(name, getattr(self, name), low, high)
-        if self.bits not in {8, 12}:
-            raise InvalidValueError("bits", self.bits, "8 or 12")
+    """Distortion of the camera's lens."""
+    exposure_s: Annotated[float, Field(ge=1e-6, le=1.0)] = 0.015
+    """Exposure time; that of the first image where `exposure_control` changes it."""
+    exposure_control: ExposureControl = field(default_factory=ExposureControl)
+    """Automatic exposure; by default off."""
+    wavelength_m: Annotated[float, Field(ge=350e-9, le=1100e-9)] = 525e-9
+    pixel_pitch_m: Annotated[float, Field(ge=0.5e-6, le=50e-6)] = 3.45e-6
+    quantum_efficiency: Annotated[float, Field(ge=0.01, le=1.0)] = 0.62
+    full_well_electrons: FullWell = 10500.0
+    """Electrons at the output's full scale; the default is that of a Pregius-class sensor."""
+    read_noise_electrons: ReadNoise = 2.5
+    bits: Literal[8, 12] = 8
+    """Bits of the output."""
+    tissue: Material = TISSUE
+    tool: Material = TOOL
+    stage: Material = STAGE
+    other: Material = OTHER
 
     @cached_property
     def material_table(self) -> NDArray[np.float32]:
@@ -162,9 +140,9 @@ class StripeOptics:
         return self.led_power_w / float(solid_angle_weighted)
 
     def fixed_blur_tan(self, focal_px: float) -> float:
-        """Standard deviation of the stripes' blur that does not depend on distance, with a pixel's own width, tangent units.
+        """Standard deviation of the stripes' blur at any distance, a pixel's own width included, tangent units.
 
-        The lens's is in it unless it acts on the whole image.
+        The lens's blur is included unless it acts on the whole image.
         """
         lens_px = 0.0 if self.lens_blur_edges else self.lens_blur_px
         return math.sqrt(self.source_blur_tan**2 + (lens_px**2 + 1.0 / 12.0) / focal_px**2)

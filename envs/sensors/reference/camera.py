@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from laploop.assets.tissue_appearance import TissueAppearance
 from laploop.envs.sensors.reference.capture import ReferenceCapture
 from laploop.envs.sensors.reference.noise import ReferenceNoise
 from laploop.envs.sensors.reference.optics import ReferenceOptics
@@ -55,13 +56,18 @@ class ReferenceCamera:
         return self.optics.intrinsics
 
     def attach(
-        self, model: mujoco.MjModel, *, groups: Collection[int] = (1,), rng: np.random.Generator | None = None
+        self,
+        model: mujoco.MjModel,
+        *,
+        groups: Collection[int] = (1,),
+        rng: np.random.Generator | None = None,
+        appearance: TissueAppearance | None = None,
     ) -> SceneGeometry:
         """Look at the given geom and flex groups of a model from now on; see `SceneGeometry.from_model`.
 
         The default leaves arms and abdominal wall out, as on a bench.
         """
-        geometry = SceneGeometry.from_model(model, groups=groups, rng=rng)
+        geometry = SceneGeometry.from_model(model, groups=groups, rng=rng, appearance=appearance)
         self.attach_geometry(geometry)
         return geometry
 

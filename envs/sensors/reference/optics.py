@@ -1,22 +1,22 @@
 """The reference camera as numbers: a Zivid 2+ M60, its projector and its errors."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from types import MappingProxyType
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.stripe_mask import StripeMask
+from laploop.configuration import Field, configuration
 from laploop.envs.sensors.object_id import ObjectId
-from laploop.envs.sensors.optics.stripe_optics import OTHER, STAGE, TISSUE, TOOL, Material
-from laploop.errors import InvalidValueError, UnknownNameError, check_range
+from laploop.envs.sensors.optics.stripe_optics import OTHER, STAGE, TISSUE, TOOL, Fraction, LensBlur, Material
+from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Intrinsics, Rig
 
-SAMPLINGS: Mapping[str, int] = MappingProxyType({"full": 1, "2x2": 2, "4x4": 4})
-"""Names of the samplings, and how many sensor pixels along a side make one point."""
+Sampling = Literal["full", "2x2", "4x4"]
+_STEPS: dict[Sampling, int] = {"full": 1, "2x2": 2, "4x4": 4}
 
 _TINTS = {
     ObjectId.TISSUE: (1.45, 0.80, 0.75),
@@ -24,12 +24,19 @@ _TINTS = {
     ObjectId.STAGE: (0.97, 1.0, 1.03),
     ObjectId.OTHER: (1.0, 1.0, 1.0),
 }
-"""Red, green and blue over the albedo, of mean 1; they only colour the picture."""
+"""Red, green and blue relative to the albedo, of mean 1; they only colour the picture."""
+
+Pixels = Annotated[int, Field(ge=16, le=8192, multiple_of=4)]
+Start = Annotated[int, Field(ge=0, le=8192)]
+Size = Annotated[int, Field(ge=16, le=8192)]
+HalfWidth = Annotated[float, Field(ge=0.03, le=2.0)]
+Distance = Annotated[float, Field(ge=0.0, le=10.0)]
+Millimetres = Annotated[float, Field(ge=0.0, le=10.0)]
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConvergingRig(Rig):
-    """A camera and a projector to its right that also stands `forward_m` ahead and is turned by `yaw_rad` towards its axis."""
+    """A camera and a projector to its right, `forward_m` ahead and turned by `yaw_rad` towards the camera's axis."""
 
     forward_m: float = 0.0
     yaw_rad: float = 0.0
@@ -61,107 +68,82 @@ class ConvergingRig(Rig):
             return np.where((depth > 0.0) & np.isfinite(depth), depth, np.nan)
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class ReferenceOptics:
     """Geometry, errors and limits of the reference camera.
 
-    Geometry is that of the maker's own Isaac Sim extension (zivid-isaac-sim, `camera_calibration.py`, `resolution.py`); noise
-    and trueness are of the data sheet at 600 mm. What has no source there (signal-to-noise ratio, highlights, picture) is an
-    estimate. `ideal` switches all errors off; each can be switched off alone by a zero.
+    Geometry is that of the manufacturer's Isaac Sim extension (zivid-isaac-sim, `camera_calibration.py`, `resolution.py`);
+    noise and trueness are of the data sheet at 600 mm. What has no source there (signal-to-noise ratio, highlights, picture)
+    is an estimate. `ideal` switches all errors off; zeros switch them off one by one.
     """
 
-    sampling: str = "2x2"
-    """"full", "2x2" or "4x4": a point for each sensor pixel, or for each square of 4 or 16 of them."""
-    width: int = 2448
-    height: int = 2048
-    focal_px: float = 2481.0
+    sampling: Sampling = "2x2"
+    """A point for each sensor pixel, or for each square of 4 or 16 of them."""
+    width: Pixels = 2448
+    height: Pixels = 2048
+    focal_px: Annotated[float, Field(ge=10.0, le=1e5)] = 2481.0
     """Sizes and focal length at full sampling; the principal point is the middle."""
-    region: tuple[int, int, int, int] | None = None
-    """Region of interest: column and row of its first pixel, width and height, in pixels of the sampling; None is the whole
-    image. Points outside it are not computed; inside it nothing changes but the order of the random numbers."""
-    baseline_m: float = 0.1112
-    projector_forward_m: float = 0.0079
-    projector_yaw_rad: float = 0.085
+    region: tuple[Start, Start, Size, Size] | None = None
+    """Region of interest: column and row of its first pixel, width and height, in pixels of the sampling; none is the whole
+    image. Points outside are not computed; those inside change only by the order of the random numbers."""
+    baseline_m: Annotated[float, Field(ge=0.001, le=1.0)] = 0.1112
+    projector_forward_m: Annotated[float, Field(ge=-0.2, le=0.2)] = 0.0079
+    projector_yaw_rad: Annotated[float, Field(ge=-1.0, le=1.0)] = 0.085
     """The projector stands to the right (+x) and ahead of the camera, turned towards the camera's axis."""
-    projector_half_width_tan: float = 500.0 / 932.0
-    projector_half_height_tan: float = 360.0 / 932.0
+    projector_half_width_tan: HalfWidth = 500.0 / 932.0
+    projector_half_height_tan: HalfWidth = 360.0 / 932.0
     """Half of the projector's field, 1000 x 720 pixels at a focal length of 932."""
-    near_m: float = 0.3
-    far_m: float = 1.1
-    """Working range, z-depth; beyond it nothing is measured."""
-    point_noise_mm: float = 0.08
+    near_m: Distance = 0.3
+    far_m: Distance = 1.1
+    """Working range, z-depth; nothing is measured outside it."""
+    point_noise_mm: Millimetres = 0.08
     """Standard deviation of z at 600 mm, for a facing surface of the reference albedo; proportional to the distance."""
-    dimension_trueness: float = 0.002
-    """Bound of the scale error that a camera has for its life."""
-    planarity_trueness_mm: float = 0.1
-    """Bound of the smooth bend that a camera shows on a plane, for its life."""
-    unit_seed: int = 0
-    """Which camera of the series this is: draws its scale error and its bend."""
-    reference_albedo: float = 0.4
-    snr_reference: float = 35.0
+    dimension_trueness: Annotated[float, Field(ge=0.0, le=0.05)] = 0.002
+    """Bound of a camera's constant scale error."""
+    planarity_trueness_mm: Millimetres = 0.1
+    """Bound of a camera's constant smooth bend of a plane."""
+    unit_seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    """Draws the scale error and the bend: which camera of the series this is."""
+    reference_albedo: Annotated[float, Field(ge=0.01, le=1.0)] = 0.4
+    snr_reference: Annotated[float, Field(ge=1.0, le=1e4)] = 35.0
     """Signal-to-noise ratio of a facing surface of the reference albedo; exposures follow the distance."""
-    snr_min: float = 7.0
-    """Points with less are removed."""
-    saturation_ratio: float = 2.5
-    """Radiance at which the sensor saturates, over that of a facing matte surface of the reference albedo."""
+    snr_min: Annotated[float, Field(ge=0.0, le=1e4)] = 7.0
+    """Points with a lower ratio are removed."""
+    saturation_ratio: Annotated[float, Field(ge=0.5, le=1e3)] = 2.5
+    """Radiance at which the sensor saturates, relative to a facing matte surface of the reference albedo."""
     saturated_is_missing: bool = True
     needs_projector: bool = True
-    """Whether points that the projector does not reach are missing, as they are in a camera of this kind."""
-    ambient_fraction: float = 0.05
-    """Light in the colour picture that does not come from the projector, over the projector's."""
-    normal_window_px: int = 5
-    """Side of the square of points that a normal is fitted to; sets the noise of the normals."""
-    lens_blur_px: float = 0.5
+    """Whether points that the projector does not reach are missing, as with a camera of this kind."""
+    ambient_fraction: Fraction = 0.05
+    """Light in the colour picture that does not come from the projector, relative to the projector's."""
+    normal_window_px: Annotated[int, Field(ge=3, le=31)] = 5
+    """Side, an odd number, of the square of points that a normal is fitted to; sets the noise of the normals."""
+    lens_blur_px: LensBlur = 0.5
     """Standard deviation of the colour picture's blur, in pixels of full sampling."""
-    colour_noise: float = 0.004
+    colour_noise: Annotated[float, Field(ge=0.0, le=0.5)] = 0.004
     """Standard deviation of the colour picture's noise, as a fraction of full scale."""
-    tissue: Material = field(default=TISSUE)
-    tool: Material = field(default=TOOL)
-    stage: Material = field(default=STAGE)
-    other: Material = field(default=OTHER)
+    tissue: Material = TISSUE
+    tool: Material = TOOL
+    stage: Material = STAGE
+    other: Material = OTHER
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            UnknownNameError: If there is no such sampling.
-            InvalidValueError: If a field lies outside its range.
-        """
-        if self.sampling not in SAMPLINGS:
-            raise UnknownNameError("sampling", self.sampling, SAMPLINGS)
-        for name in ("width", "height"):
-            size = getattr(self, name)
-            if not 16 <= size <= 8192 or size % 4:
-                raise InvalidValueError(name, size, "a multiple of 4 from 16 to 8192")
-        self._check_region()
-        if self.unit_seed < 0:
-            raise InvalidValueError("unit_seed", self.unit_seed, "an integer from 0")
-        if not 3 <= self.normal_window_px <= 31 or self.normal_window_px % 2 == 0:
+        """Check fields against each other."""
+        if not self.near_m <= self.far_m:
+            raise InvalidValueError("far_m", self.far_m, f"near_m, {self.near_m:g}, to 10")
+        if not self.snr_min <= self.snr_reference:
+            raise InvalidValueError("snr_min", self.snr_min, f"0 to snr_reference, {self.snr_reference:g}")
+        if self.normal_window_px % 2 == 0:
             raise InvalidValueError("normal_window_px", self.normal_window_px, "an odd number from 3 to 31")
-        for name, low, high in (
-            ("focal_px", 10.0, 1e5),
-            ("baseline_m", 0.001, 1.0),
-            ("projector_forward_m", -0.2, 0.2),
-            ("projector_yaw_rad", -1.0, 1.0),
-            ("projector_half_width_tan", 0.01, 2.0),
-            ("projector_half_height_tan", 0.01, 2.0),
-            ("near_m", 0.0, 10.0),
-            ("far_m", self.near_m, 10.0),
-            ("point_noise_mm", 0.0, 10.0),
-            ("dimension_trueness", 0.0, 0.05),
-            ("planarity_trueness_mm", 0.0, 10.0),
-            ("reference_albedo", 0.01, 1.0),
-            ("snr_reference", 1.0, 1e4),
-            ("snr_min", 0.0, self.snr_reference),
-            ("saturation_ratio", 0.5, 1e3),
-            ("ambient_fraction", 0.0, 1.0),
-            ("lens_blur_px", 0.0, 10.0),
-            ("colour_noise", 0.0, 0.5),
-        ):
-            check_range(name, getattr(self, name), low, high)
+        if self.region is not None:
+            column, row, width, height = self.region
+            image_width, image_height = self.width // self.step, self.height // self.step
+            if column + width > image_width or row + height > image_height:
+                allowed = f"column, row, width, height inside {image_width} x {image_height} pixels"
+                raise InvalidValueError("region", self.region, allowed)
 
     def ideal(self) -> "ReferenceOptics":
-        """Return the same camera without errors: only what it or its projector cannot see is missing."""
+        """Return the same camera without errors: only points hidden from it or its projector are missing."""
         return replace(
             self,
             point_noise_mm=0.0,
@@ -173,34 +155,19 @@ class ReferenceOptics:
             colour_noise=0.0,
         )
 
-    def _check_region(self) -> None:
-        """Raise unless the region lies in the image."""
-        if self.region is None:
-            return
-        # What came from JSON is a list; optics stay hashable and equal to what was written.
-        object.__setattr__(self, "region", tuple(self.region))
-        whole = (self.width // self.step, self.height // self.step)
-        inside = len(self.region) == 4 and all(
-            start >= 0 and size >= 16 and start + size <= end
-            for start, size, end in zip(self.region[:2], self.region[2:], whole, strict=True)
-        )
-        if not inside:
-            allowed = f"column, row, width, height inside {whole[0]} x {whole[1]} pixels, at least 16 x 16"
-            raise InvalidValueError("region", self.region, allowed)
-
     @property
     def step(self) -> int:
-        """How many sensor pixels along a side make one point."""
-        return SAMPLINGS[self.sampling]
+        """Sensor pixels along the side of the square that makes one point."""
+        return _STEPS[self.sampling]
 
     @property
     def window(self) -> tuple[int, int, int, int]:
-        """Column and row of the first pixel, width and height of what is captured, in pixels of the sampling."""
+        """Captured window: column and row of its first pixel, width and height, in pixels of the sampling."""
         return self.region or (0, 0, self.width // self.step, self.height // self.step)
 
     @cached_property
     def intrinsics(self) -> Intrinsics:
-        """Of the camera at its sampling, in its region of interest."""
+        """Intrinsics at the sampling, for the region of interest."""
         step = self.step
         column, row, width, height = self.window
         return Intrinsics(
@@ -214,7 +181,7 @@ class ReferenceOptics:
 
     @cached_property
     def rig(self) -> ConvergingRig:
-        """Camera and projector; the mask stands for the square around the projector's field."""
+        """Camera and projector; the mask is the square around the projector's field."""
         half = max(self.projector_half_width_tan, self.projector_half_height_tan)
         return ConvergingRig(
             camera=self.intrinsics,

@@ -8,15 +8,10 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from laploop.assets.tissue_appearance import TissueAppearance, tissue_albedo
 from laploop.envs.sensors.object_id import ObjectId, object_id_of_geom
-from laploop.envs.sensors.optics.tissue_appearance import TissueAppearance, appearance_factor
 from laploop.envs.sensors.tracing import primitives
 from laploop.errors import InvalidValueError
-
-_TEXTURE_SHORTEST_M = 0.008
-_TEXTURE_LONGEST_M = 0.05
-_TEXTURE_WAVES = 32
-_TEXTURE_STD = 0.12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,10 +107,11 @@ class SceneGeometry:
             appearance: Patches and detail on top of that texture; none by default.
 
         Raises:
-            InvalidValueError: If nothing is visible, a visible geom has a type without a surface, or there is an appearance but
-                nothing to draw it from.
+            InvalidValueError: If nothing is visible, a visible geom has a type without a surface, or an appearance lacks the
+                generator to draw it from.
         """
-        if appearance is not None and rng is None:
+        appearance = appearance or TissueAppearance()
+        if rng is None and not appearance.is_plain:
             raise InvalidValueError("rng", None, "a generator, to draw the tissue's appearance from")
         surfaces: list[primitives.Surface] = []
         ids: list[ObjectId] = []
@@ -129,10 +125,8 @@ class SceneGeometry:
             surfaces.append((rest, triangles))
             ids.append(ObjectId.TISSUE)
             flex.append(_FlexPart(vertices=vertices, rows=slice(start, start + len(vertices))))
-            factor = np.ones(len(vertices), dtype=np.float32) if rng is None else tissue_texture(rest, rng)
-            if appearance is not None and rng is not None and not appearance.is_plain:
-                factor *= appearance_factor(rest, appearance, rng)
-            factors.append(factor)
+            uniform = np.ones(len(vertices), dtype=np.float32)
+            factors.append(uniform if rng is None else tissue_albedo(rest, appearance, rng))
             start += len(vertices)
         visible = np.isin(model.geom_group, list(groups)) & (_geom_opacity(model) > 0.0)
         for index in np.flatnonzero(visible):
@@ -181,21 +175,6 @@ class SceneGeometry:
         offsets = np.zeros(len(self.points) + 1, dtype=np.int32)
         np.cumsum(np.bincount(corners, minlength=len(self.points)), out=offsets[1:])
         return offsets, order
-
-
-def tissue_texture(points_at_rest: NDArray[np.floating], rng: np.random.Generator) -> NDArray[np.float32]:
-    """Make a smooth, seeded albedo factor around 1 for points of a tissue, (n, 3) in metres.
-
-    A sum of plane waves with random directions, phases and wavelengths from 8 to 50 mm, longer ones stronger.
-    """
-    direction = rng.standard_normal((_TEXTURE_WAVES, 3))
-    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    wavelength = np.exp(rng.uniform(np.log(_TEXTURE_SHORTEST_M), np.log(_TEXTURE_LONGEST_M), _TEXTURE_WAVES))
-    phase = rng.uniform(0.0, 2.0 * np.pi, _TEXTURE_WAVES)
-    weight = np.sqrt(wavelength / np.sum(wavelength) * 2.0) * _TEXTURE_STD
-    waves = np.cos(2.0 * np.pi * points_at_rest @ (direction / wavelength[:, None]).T + phase)
-    factor: NDArray[np.float64] = np.clip(1.0 + waves @ weight, 0.5, 1.5)
-    return factor.astype(np.float32)
 
 
 def _spread(name: str, values: ArrayLike, count: int) -> NDArray[Any]:

@@ -31,6 +31,14 @@ def test_recipe_of_usual_frames_is_that_of_data_sets_made_before_there_were_othe
     assert set(TINY.recipe) == older
     assert set(replace(TINY, large_tool_share=0.2).recipe) == {*older, "large_tool_share"}
     assert set(replace(TINY, randomised_scopes=0.2).recipe) == {*older, "randomised_scopes", "scope_ranges"}
+    assert set(replace(TINY, randomised_appearances=0.2).recipe) == {*older, "randomised_appearances", "appearance_ranges"}
+
+
+def test_only_tissues_that_were_drawn_have_patches_and_nothing_else_changes(tmp_path):
+    plain, bloody = (_render(tmp_path / name, randomised_appearances=float(name)) for name in ("0", "1"))
+    assert [replace(TINY, randomised_appearances=0.0).appearance_of(tissue).is_plain for tissue in range(3)] == [True] * 3
+    np.testing.assert_array_equal(plain.depth_mm(0), bloody.depth_mm(0))
+    assert plain.image(0).mean() > bloody.image(0).mean() + 1.0
 
 
 def test_tenth_to_half_of_the_pixels_are_saturated_or_dark_in_turn(tmp_path):
@@ -84,7 +92,7 @@ def test_frames_of_drawn_scopes_obey_their_own_rig(tmp_path):
         assert np.abs(mask_x).max() > 0.8 * rig.mask.half_width_tan
 
 
-@pytest.mark.parametrize("name", ["randomised_scopes", "large_tool_share", "ill_exposed_share"])
+@pytest.mark.parametrize("name", ["randomised_scopes", "randomised_appearances", "large_tool_share", "ill_exposed_share"])
 def test_share_beyond_one_is_refused(name):
     with pytest.raises(InvalidValueError, match=name):
         replace(TINY, **{name: 1.5})

@@ -1,11 +1,12 @@
 import json
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
 
 from laploop.assets.stripe_mask import StripeMask
+from laploop.configuration import from_plain, to_plain
 from laploop.envs.sensors.optics.mask_table import MaskTable
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.errors import InvalidValueError, MissingFileError
@@ -106,7 +107,7 @@ def test_impossible_masks_are_refused_by_name(field, value):
 
 def test_a_mask_survives_json():
     mask = StripeMask(profile=(0.0, 0.25, 1.0), edge_roughness=0.02)
-    again = StripeMask(**json.loads(json.dumps(asdict(mask))))
+    again = from_plain(StripeMask, json.loads(json.dumps(to_plain(mask))))
     assert again == mask
     assert hash(again) == hash(mask)
 

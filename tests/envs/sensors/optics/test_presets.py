@@ -5,7 +5,7 @@ import pytest
 
 from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.object_id import ObjectId
-from laploop.envs.sensors.optics.presets import PRESETS, OpticsRanges, optics_preset, randomised
+from laploop.envs.sensors.optics.presets import PRESETS, OpticsRanges, draw_light, optics_preset, randomised_surfaces
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.errors import InvalidValueError, UnknownNameError
@@ -65,11 +65,11 @@ def test_presets_order_by_contrast_and_noise(camera, make_plane):
 
 def test_same_seed_draws_the_same_optics_inside_the_ranges():
     ranges, optics = OpticsRanges(), optics_preset("paper")
-    draws = [randomised(optics, np.random.default_rng(seed)) for seed in range(40)]
-    assert draws[3] == randomised(optics, np.random.default_rng(3), ranges)
+    draws = [randomised_surfaces(optics, np.random.default_rng(seed), ranges) for seed in range(40)]
+    assert draws[3] == randomised_surfaces(optics, np.random.default_rng(3), ranges)
     assert len(set(draws)) == 40
     for values, (low, high) in (
-        ([d.led_power_w / optics.led_power_w for d in draws], ranges.light),
+        ([draw_light(np.random.default_rng(seed), ranges) for seed in range(40)], ranges.light),
         ([d.tissue.albedo for d in draws], ranges.tissue_albedo),
         ([d.tissue.roughness for d in draws], ranges.tissue_roughness),
         ([d.read_noise_electrons for d in draws], ranges.read_noise_electrons),
@@ -81,7 +81,7 @@ def test_same_seed_draws_the_same_optics_inside_the_ranges():
 
 def test_what_has_no_range_stays_as_it_is():
     optics = replace(optics_preset("worst"), exposure_s=0.004, f_number=5.6)
-    drawn = randomised(optics, np.random.default_rng(0))
+    drawn = randomised_surfaces(optics, np.random.default_rng(0), OpticsRanges())
     assert (drawn.exposure_s, drawn.f_number, drawn.other, drawn.bits) == (0.004, 5.6, optics.other, 8)
 
 
@@ -93,6 +93,9 @@ def test_training_frames_draw_what_they_always_drew():
     assert optics.stage.albedo == pytest.approx(0.064701980542765, rel=1e-12)
 
 
-def test_empty_range_of_light_is_refused():
-    with pytest.raises(InvalidValueError, match="light"):
-        OpticsRanges(light=(2.0, 1.0))
+@pytest.mark.parametrize(
+    ("field", "span"), [("light", (2.0, 1.0)), ("light", (0.0, 1.0)), ("tissue_albedo", (0.3, 1.2)), ("stray_fraction", (0.1,))]
+)
+def test_empty_and_impossible_ranges_are_refused_by_name(field, span):
+    with pytest.raises(InvalidValueError, match=field):
+        OpticsRanges(**{field: span})

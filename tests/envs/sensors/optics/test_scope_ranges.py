@@ -13,7 +13,7 @@ NOMINAL = ScopeOptics()
 
 def test_scopes_fill_their_ranges_and_the_same_seed_draws_the_same_one():
     ranges = ScopeRanges()
-    scopes = [draw_scope(NOMINAL, np.random.default_rng(seed)) for seed in range(300)]
+    scopes = [draw_scope(NOMINAL, np.random.default_rng(seed), ranges) for seed in range(300)]
     assert scopes[3] == draw_scope(NOMINAL, np.random.default_rng(3), ranges)
     for values, (low, high) in (
         ([s.baseline_m for s in scopes], ranges.baseline_m),
@@ -30,7 +30,7 @@ def test_scopes_fill_their_ranges_and_the_same_seed_draws_the_same_one():
 
 
 def test_a_fixed_range_leaves_the_other_draws_alone():
-    free = draw_scope(NOMINAL, np.random.default_rng(5))
+    free = draw_scope(NOMINAL, np.random.default_rng(5), ScopeRanges())
     fixed = ScopeRanges(baseline_m=(0.005, 0.005), stripes=(20, 20), mask_fov_rad=(1.2, 1.2))
     scope = draw_scope(NOMINAL, np.random.default_rng(5), fixed)
     assert (scope.baseline_m, scope.mask.stripes, scope.mask.fov_rad) == (0.005, 20, 1.2)
@@ -39,7 +39,7 @@ def test_a_fixed_range_leaves_the_other_draws_alone():
 
 def test_a_drawn_pattern_keeps_its_stripes():
     pattern = StripeMask(profile=(0.0, 1.0, 0.0), stripes=7)
-    mask = draw_scope(ScopeOptics(mask=pattern), np.random.default_rng(1)).mask
+    mask = draw_scope(ScopeOptics(mask=pattern), np.random.default_rng(1), ScopeRanges()).mask
     assert (mask.profile, mask.stripes) == (pattern.profile, 7)
     assert mask.fov_rad != pattern.fov_rad
 

@@ -4,7 +4,7 @@ import pytest
 from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.optics.mask_table import MaskTable
 from laploop.envs.sensors.optics.stripe_optics import Material, StripeOptics
-from laploop.errors import InvalidValueError
+from laploop.errors import InvalidValueError, LaploopError
 
 
 @pytest.mark.parametrize(
@@ -12,7 +12,7 @@ from laploop.errors import InvalidValueError
     [("led_power_w", -1.0), ("exposure_s", 0.0), ("stray_fraction", 1.0), ("f_number", float("nan")), ("bits", 10)],
 )
 def test_optics_outside_their_range_are_refused_by_name(field, value):
-    with pytest.raises(InvalidValueError, match=field):
+    with pytest.raises(LaploopError, match=field):
         StripeOptics(**{field: value})
 
 

@@ -2,10 +2,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from laploop.assets.tissue_appearance import TissueAppearance
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.tracing import primitives
 from laploop.envs.sensors.tracing.ray_scene import RayScene, open_device
-from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry, tissue_texture
+from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.errors import InvalidValueError
 
 TRIANGLE = {"points": np.eye(3), "triangles": np.array([[0, 1, 2]]), "object_ids": ObjectId.TISSUE}
@@ -78,18 +79,6 @@ def test_geom_without_a_surface_is_refused_by_name():
         SceneGeometry.from_model(mujoco.MjModel.from_xml_string(xml))
 
 
-def test_texture_is_seeded_smooth_and_around_one():
-    side = np.linspace(-0.06, 0.06, 61)
-    points = np.stack(np.meshgrid(side, side, [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
-    first, again, other = (tissue_texture(points, np.random.default_rng(seed)) for seed in (1, 1, 2))
-    np.testing.assert_array_equal(first, again)
-    assert np.abs(first - other).mean() > 0.02
-    assert first.mean() == pytest.approx(1.0, abs=0.1)
-    assert 0.04 < first.std() < 0.25
-    # Waves of at least 8 mm cannot turn over within the 2 mm between vertices.
-    assert np.abs(np.diff(first.reshape(61, 61), axis=0)).max() < 0.3
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -114,3 +103,60 @@ def test_points_can_be_moved_but_not_multiplied():
     np.testing.assert_array_equal(scene.points, 2.0 * np.eye(3, dtype=np.float32))
     with pytest.raises(InvalidValueError, match="shape of points"):
         scene.move(np.zeros((4, 3)))
+
+
+SHEET = """
+<mujoco>
+  <worldbody>
+    <flexcomp name="sheet" type="grid" count="21 21 1" spacing="0.005 0.005 0.005" dim="2" radius="0.0005" mass="0.1">
+      <contact selfcollide="none"/>
+      <edge equality="true"/>
+    </flexcomp>
+    <geom name="stage/plate" type="box" size="0.1 0.1 0.001" pos="0 0 -0.05" group="1"/>
+  </worldbody>
+</mujoco>
+"""
+
+
+@pytest.fixture(scope="module")
+def sheet():
+    model = mujoco.MjSpec.from_string(SHEET).compile()
+    model.flex_group[:] = 1
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return model, data
+
+
+def test_a_plain_appearance_leaves_the_scene_as_it_is(sheet):
+    model, _ = sheet
+    plain, same = (
+        SceneGeometry.from_model(model, rng=np.random.default_rng(4), appearance=a) for a in (None, TissueAppearance())
+    )
+    np.testing.assert_array_equal(plain.albedo_factor, same.albedo_factor)
+
+
+def test_patches_are_on_the_tissue_alone_and_move_with_it(sheet):
+    model, data = sheet
+    plain, bloody, again = (
+        SceneGeometry.from_model(model, rng=np.random.default_rng(4), appearance=a)
+        for a in (None, *2 * (TissueAppearance(coverage=0.2),))
+    )
+    np.testing.assert_array_equal(bloody.albedo_factor, again.albedo_factor)
+    tissue = np.arange(len(plain.points)) < 21 * 21
+    assert (bloody.albedo_factor[tissue] < 0.6 * plain.albedo_factor[tissue]).mean() == pytest.approx(0.15, abs=0.06)
+    np.testing.assert_array_equal(bloody.albedo_factor[~tissue], 1.0)
+    bloody.update(data)
+    before, dark = bloody.points.copy(), bloody.albedo_factor.copy()
+    moved = mujoco.MjData(model)
+    moved.qpos[:] = data.qpos
+    moved.qpos += 0.01
+    mujoco.mj_forward(model, moved)
+    bloody.update(moved)
+    # Every vertex of the sheet has a body of its own that slides along three axes.
+    np.testing.assert_allclose(bloody.points[tissue] - before[tissue], 0.01, atol=1e-6)
+    np.testing.assert_array_equal(bloody.albedo_factor, dark)
+
+
+def test_an_appearance_needs_something_to_be_drawn_from(sheet):
+    with pytest.raises(InvalidValueError, match="rng"):
+        SceneGeometry.from_model(sheet[0], appearance=TissueAppearance(coverage=0.1))
