@@ -18,6 +18,7 @@ from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.tasks.reach import ReachEnv
 from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import InvalidValueError, SimulationError
+from laploop.perception.geometry import invert_transform, transform_points
 
 MS = 1_000_000
 STILL = np.zeros(3)
@@ -186,6 +187,32 @@ def test_a_controller_feels_the_force_along_the_axes_of_the_camera_that_it_belie
     # The two cameras are turned by about 0.17 rad, root sum square of three axes; 10 N then differ by a newton or more.
     assert np.linalg.norm(known.contact_force_in_camera - true[:3, :3].T @ down) > 0.5
     assert known.contact_force_n == pytest.approx(10.0)
+
+
+def test_all_that_a_controller_knows_comes_from_the_kinematics_that_it_believes_in(task_env):
+    errors = KinematicErrors(joint_rad=2e-3, tip_m=5e-4, hand_eye_m=1e-3, hand_eye_rad=0.02)
+    env = task_env("reach", loop=LoopConfig(kinematic_errors=errors))
+    env.reset(seed=3)
+    for _ in range(6):
+        env.step(np.array([0.02, 0.0, -0.02], np.float32))
+    known, loop = env.control_input(), env.loop
+    camera_from_world = invert_transform(loop.scope.world_from_camera())
+    rotation = camera_from_world[:3, :3]
+    for value, expected in (
+        (known.tip_in_camera, transform_points(camera_from_world, loop.tool.tip_in_world())),
+        (known.tip_velocity_in_camera, rotation @ loop.tool.tip_velocity_in_world()),
+        (known.trocar_in_camera, transform_points(camera_from_world, loop.tool.trocar_in_world)),
+        (known.shaft_axis_in_camera, rotation @ loop.tool.shaft_axis_in_world()),
+        (known.scope_trocar_in_camera, transform_points(camera_from_world, loop.scope.trocar_in_world)),
+        # The scope stands still, so that the pose at the capture is the present one.
+        (known.depth.world_from_camera, loop.scope.world_from_camera()),
+    ):
+        np.testing.assert_allclose(value, expected, atol=1e-6)
+    truth = invert_transform(loop.theatre.world_from_camera())
+    # Metres: hand-eye and joints make millimetres at the tip, which nothing that is known may show.
+    assert np.linalg.norm(known.tip_in_camera - transform_points(truth, loop.theatre.tip_in_world())) > 5e-4
+    observation = env.step(np.zeros(3, np.float32))[0]
+    np.testing.assert_allclose(observation["tip_position"], env.control_input().tip_in_camera, atol=1e-6)
 
 
 def test_time_runs_in_whole_control_periods(task_env):
