@@ -59,8 +59,8 @@ bench: $(CORE)
 RESULTS := docs/results
 FRAMES ?= runs/frames
 PAIRS ?= runs/pairs
-NETWORKS := ssle-phase ssle dual-unet compact
-MODELS := $(NETWORKS) phase
+NETWORKS = $(shell $(BIN)/python -P -c 'from laploop.perception import NETWORKS; print(*NETWORKS.names())')
+MODELS = $(NETWORKS) phase
 
 results: $(DEV)
 	mkdir -p $(RESULTS)

@@ -1,8 +1,8 @@
-"""How well depth could be known at best: the Cramér-Rao bound of the stripes' phase under the sensor's noise.
+"""How well depth can be known at best: the Cramér-Rao bound of the stripes' phase under the sensor's noise.
 
 A pixel collects `mu (1 + C cos(phi))` electrons on average, mu being the local mean and C the contrast; shot noise gives that
-number as its variance, read noise and rounding to grey values add theirs, v. M pixels that sample whole periods evenly tell
-phi with the Fisher information
+number as its variance, read noise and rounding to grey values add theirs, v. M pixels that sample whole periods evenly hold
+the Fisher information about phi
 
     J = M mean[(mu C sin)² / (mu (1 + C cos) + v)] = M (a - sqrt(a² - (mu C)²)),    a = mu + v,
 
@@ -11,9 +11,9 @@ whether mu and C are known or not, for sine and cosine are orthogonal over a per
 
     sigma_Z = tau Z² / (2 pi b sqrt(J)).
 
-The variance of the noise is taken for known: it tells about phi, too, but next to nothing at these counts. Harmonics of sharp
-stripes carry more than the sine does; a network that knows tissues uses more rows than a window has. The floor is that of
-single-shot phase in a stated window and no more.
+The variance of the noise is taken as known: it depends on phi, too, but adds next to nothing at these counts. Harmonics of
+sharp stripes carry more than the sine does; a network that knows tissues uses more rows than a window has. The floor is that
+of single-shot phase in a stated window, no more.
 """
 
 import math
@@ -101,7 +101,7 @@ class CramerRaoBound:
         """Return the least standard deviation of depth at each pixel, (H, W).
 
         The window is one period wide and `rows` high. NaN where the floor has no meaning: where there is no depth, and where
-        the stripes are too faint to be told from noise or too bright for the sensor.
+        the stripes are too faint to be distinguished from noise or too bright for the sensor.
 
         Args:
             image: (H, W), grey values.

@@ -1,4 +1,4 @@
-"""How far a depth map is from the truth, in the terms of the literature."""
+"""Errors of a depth map, in the literature's terms."""
 
 import math
 from dataclasses import dataclass, field
@@ -23,11 +23,11 @@ class DepthMetrics:
     abs_rel: float
     """Mean of absolute error over truth."""
     acc_1_1: float
-    """Share of pixels with max(estimate / truth, truth / estimate) below 1.1."""
+    """Fraction of pixels with max(estimate / truth, truth / estimate) below 1.1."""
     acc_1_21: float
     """The same below 1.21."""
     beyond_20mm: float
-    """Share of pixels more than 20 mm off."""
+    """Fraction of pixels more than 20 mm off."""
 
 
 @dataclass(kw_only=True)
@@ -102,7 +102,7 @@ class DepthErrors:
 
 @dataclass(frozen=True, kw_only=True)
 class MetricsInterval:
-    """Between which values the metrics would lie had other tissues been drawn; NaN where that cannot be told."""
+    """Interval of the metrics over other draws of tissues; NaN where it is unknown."""
 
     low: DepthMetrics
     high: DepthMetrics
@@ -120,7 +120,7 @@ def bootstrap_interval(
         sums: (groups, 8), the `DepthErrors.sums` of each group; groups without pixels are left out.
         rng: Source of the draws: the same state gives the same interval.
         resamples: How many draws.
-        confidence: Share of the draws between the two ends.
+        confidence: Fraction of the draws between the two ends.
 
     Raises:
         InvalidValueError: If the number of draws or the confidence is impossible.

@@ -1,4 +1,4 @@
-"""One entry a depth network: all that the command line, the estimators, the results and the docs need to know of it."""
+"""The depth networks, one entry each, from which the command line, the estimators and the results come."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -36,7 +36,7 @@ from laploop.registry import Registry
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkSpec:
-    """A depth network; what is heavy is named by `module:attribute` and imported when it is needed."""
+    """A depth network; heavy parts are named by `module:attribute` and imported when they are needed."""
 
     name: str
     """Of the network, of its estimator, and of its weights file."""
@@ -47,11 +47,11 @@ class NetworkSpec:
     estimator: str
     """A `NetworkEstimator`."""
     outputs: tuple[str, ...] = ("depth_mm",)
-    """What it gives in other runtimes."""
+    """Its outputs in other runtimes."""
     trainings: Mapping[str, Any] = field(default_factory=dict)
     """Schedules and weights of the losses by size."""
     options: type[TrainingOptions] | None = None
-    """What the command line can say of its training; None if it cannot be trained here."""
+    """Command-line options of its training; None if it cannot be trained here."""
     train: str = ""
     """A function that is called with a `TrainingRun` and with what the options choose, and returns the path of the weights."""
 

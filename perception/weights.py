@@ -34,7 +34,7 @@ def save_weights(
     architecture: Mapping[str, object],
     notes: Mapping[str, str] | None = None,
 ) -> None:
-    """Write tensors to `path` with their architecture's hash; the file appears whole or not at all.
+    """Write tensors to `path` with their architecture's hash, atomically.
 
     Raises:
         OutputError: If the file cannot be written.

@@ -1,4 +1,4 @@
-"""Depth networks as estimators; what tells the valid pixels depends on what the network says beside the depth."""
+"""Depth networks as estimators; which pixels are valid depends on what the network predicts beside the depth."""
 
 import math
 from abc import ABC, abstractmethod

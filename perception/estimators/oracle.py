@@ -10,7 +10,7 @@ from laploop.perception.messages import DepthEstimate
 
 
 class OracleEstimator:
-    """Returns the exact depth that the environment showed it before it asked."""
+    """Returns the exact depth that the environment showed it beforehand."""
 
     def __init__(self, rig: Rig) -> None:
         """Keep the rig, whose image size is checked."""

@@ -18,7 +18,7 @@ Millimetres = Annotated[float, Field(gt=0.0, le=10_000.0)]
 
 @configuration
 class PhaseConfig:
-    """How the phase is read and which of it is believed."""
+    """How the phase is read, and which pixels are valid."""
 
     nearest_mm: Millimetres = 60.0
     """Near end of the turn of phase that is taken to be the right one; the far end follows from the rig (195 mm)."""
@@ -131,7 +131,7 @@ class PhaseEstimator:
         return DepthEstimate(depth_mm=depth_mm.astype(np.float32), valid=valid)
 
     def _window_inside(self, turns: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Tell where enough of the window lies inside the image and on the lit part of the mask."""
+        """Return where enough of the window lies inside the image and on the lit part of the mask."""
         margin, mask, camera_x = self.config.margin_periods, self.rig.mask, self.rig.camera.rays[..., 0]
         half_image = 0.5 * self.rig.camera.width / self.rig.camera.fx
         half_mask = mask.half_width_tan - margin * mask.period_tan

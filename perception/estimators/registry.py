@@ -13,7 +13,7 @@ from laploop.perception.network_specs import SHIPPED, NetworkSpec
 from laploop.registry import Registry
 
 Factory = Callable[..., DepthEstimator]
-"""Called with the rig, with `weights` where the user names a file, and with the user's arguments by name; a class, say."""
+"""A class, for example: called with the rig, with `weights` if a file is given, and with the user's arguments by name."""
 
 _ROOM = "laploop.perception.estimators"
 

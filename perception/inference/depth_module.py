@@ -10,7 +10,7 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 from laploop.errors import InvalidValueError
 
 OUTPUTS = ("depth_mm", "log_scale")
-"""Names of what a network may give, in this order; the second only where it tells how far it may be off."""
+"""Outputs that a network may have, in this order; the second only if it predicts the scale of its error."""
 
 Context = Any
 """A dataclass of tensors (or tuples of tensors) that a network is called with beside the image."""
@@ -103,7 +103,7 @@ class _FullPrecision(nn.Module):
 def lower_precision(module: DepthModule, *, codebook_exact: bool = False) -> None:
     """Store the weights of convolutions in bfloat16, to be run under autocast, but for the last one.
 
-    The last convolution says the depth. With 8 bits of mantissa, 250 mm is known to 0.5 mm alone, more than the rest of the
+    The last convolution produces the depth. With 8 bits of mantissa, 250 mm is known to 0.5 mm only, more than the rest of the
     network loses; it is also the cheapest, having few outputs.
 
     Args:

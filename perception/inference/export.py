@@ -1,7 +1,7 @@
 """Export of depth networks to ONNX, for runtimes other than torch.
 
 The file has one input, `image` (1, height, width) float32 with grey values 0-255, and the outputs `depth_mm` and, where the
-network tells it, `log_scale`, each (1, height, width) float32. The rig's geometry is part of the file, so that a network for
+network predicts it, `log_scale`, each (1, height, width) float32. The rig's geometry is part of the file, so that a network for
 another rig is another file.
 """
 
@@ -23,7 +23,7 @@ INPUT = "image"
 
 
 def export_onnx(network: DepthModule, path: Path, example: Tensor) -> None:
-    """Write a network as one ONNX file, weights included; the file appears whole or not at all.
+    """Write a network as one ONNX file, weights included, atomically.
 
     Args:
         network: In inference form; it is moved to the CPU and to float32 order of memory.

@@ -29,7 +29,7 @@ def random_module(name: str, rig: Rig, size: str | None = None, *, seed: int = 0
 
 
 def trained_module(name: str, rig: Rig, weights: Path | None = None) -> DepthModule:
-    """Make a network with trained weights, by default the shipped ones; the file tells its size.
+    """Make a network with trained weights, by default the shipped ones; whose header describes its size.
 
     Raises:
         UnknownNameError: If there is no such network.

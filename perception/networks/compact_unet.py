@@ -2,7 +2,7 @@
 
 A fixed front end, made from the rig, normalises the local contrast, multiplies by the carrier and low-passes, which gives
 the classical phase and its amplitude. A small U-Net on a latent of half the image's size corrects the phase where it is
-wrong (edges, shadows, the tool, saturation, the wrong turn) and says how far it may be off.
+wrong (edges, shadows, the tool, saturation, the wrong turn) and predicts the scale of its own error.
 
 The network works in turns of phase, `b / (tau Z)`; nothing in the learned part knows the baseline, the focal length or the
 position of the stripes.
@@ -23,10 +23,10 @@ from laploop.perception.networks.configs import CompactConfig
 from laploop.perception.networks.depth_network import DepthNetwork
 
 _NEAREST_M = 0.057
-"""Near end of the turn in which the classical phase is given to the network; with the nominal rig it ends at 167 mm."""
+"""Near end of the turn in which the network is given the classical phase; with the nominal rig it ends at 167 mm."""
 
 _DEPTH_RANGE_M = (0.0145, 0.289)
-"""What the network can say at all."""
+"""Range of depth that the network can express."""
 
 _OUTPUTS = 4
 """Maps at full size: correction, gate, free estimate, logarithm of the scale."""
@@ -34,7 +34,7 @@ _OUTPUTS = 4
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CompactOutput:
-    """What the network says about a batch, each (B, height, width)."""
+    """The network's output for a batch, each (B, height, width)."""
 
     turns: Tensor
     """Turns of phase, b / (tau Z)."""

@@ -1,6 +1,6 @@
 """The prior method (Zuo et al., J. Biomed. Opt. 30(8):086003, 2025): MaskNet times DepthNet.
 
-Two U-Nets see the stripe image: one says where tissue is, the other how deep, and the product of their outputs is the
+Two U-Nets see the stripe image: one finds where tissue is, the other how deep, and the product of their outputs is the
 depth map. Sizes, losses and resolution are not known to us; the U-Nets here are the usual bilinear ones of five levels from
 64 to 512 channels, at full image size, and DepthNet ends in a sigmoid over the depth range.
 """
@@ -18,15 +18,15 @@ from laploop.perception.networks.vq_vae import image_to_unit
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DualUNetOutput:
-    """What the networks say about a batch, each (B, H, W)."""
+    """The networks' output for a batch, each (B, H, W)."""
 
     depth_mm: Tensor
     """Depth times the mask, which is 1 where tissue is likelier than not and 0 elsewhere; a product with the probability itself
     would make every depth a few per cent too near."""
     raw_depth_mm: Tensor
-    """What DepthNet alone says."""
+    """DepthNet's own output."""
     mask_logit: Tensor
-    """What MaskNet says, before its sigmoid."""
+    """MaskNet's output before its sigmoid."""
 
 
 class DualUNet(DepthNetwork):

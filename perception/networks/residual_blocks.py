@@ -59,6 +59,6 @@ class SelfAttention(nn.Module):
 
 
 def middle(channels: int, *, attention: bool) -> nn.Sequential:
-    """Return the blocks at the coarsest level: residual, attention if asked for, residual."""
+    """Return the blocks at the coarsest level: residual, optional attention, residual."""
     attending = [SelfAttention(channels)] if attention else []
     return nn.Sequential(ResidualBlock(channels, channels), *attending, ResidualBlock(channels, channels))

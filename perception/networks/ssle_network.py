@@ -1,6 +1,6 @@
 """The paper's depth network: image encoder and codebook, U-Net between the latents, depth decoder.
 
-Choices where the paper's text is open, beside those told in `vq_vae` and `latent_unet`:
+Choices where the paper's text is open, beside those in `vq_vae` and `latent_unet`:
 
 - The U-Net predicts the *standardised* depth latent, zero mean and unit deviation in each of its numbers over the training set,
   since the loss compares it with "the standardized reference-depth latent"; the decoder gets it scaled back.
@@ -30,7 +30,7 @@ from laploop.perception.networks.vq_vae import (
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SsleOutput:
-    """What the network says about a batch."""
+    """The network's output for a batch."""
 
     depth_mm: Tensor
     """(B, H, W), 0 to `farthest_mm`."""
@@ -39,7 +39,7 @@ class SsleOutput:
 
 
 class SsleNetwork(DepthNetwork):
-    """The network that is run; what only training needs of the VQ-VAEs is not in it, but for the depth codebook."""
+    """The network that is run; of what only training needs, it holds nothing but the depth codebook."""
 
     def __init__(self, config: SsleConfig) -> None:
         """Make the network with random weights from torch's global generator."""

@@ -1,4 +1,4 @@
-"""`ssle-phase`: a network that reads the stripes' phase, puts the reading right, and triangulates it with the rig it is given.
+"""`ssle-phase`: a network that reads the stripes' phase, corrects the reading, and triangulates it with the rig it is given.
 
 A first part reads phase and stripe order from the image (`PhaseReader`); a second one sees the stripes turned back by that
 reading and corrects it (`PhaseRefiner`). Depth follows by triangulation, `Z = b / (tau turns)`, inside the network, so that a
@@ -20,7 +20,7 @@ from laploop.perception.networks.ssle_phase_refiner import PhaseRefiner
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SslePhaseOutput:
-    """What the network says about a batch, each (B, height, width)."""
+    """The network's output for a batch, each (B, height, width)."""
 
     turns: Tensor
     """Turns of phase, b / (tau Z)."""
@@ -64,7 +64,7 @@ class SslePhase(DepthNetwork):
         return features
 
     def refine(self, seen: PhaseFeatures, turns: Tensor, log_scale: Tensor, filters: PhaseFilters) -> SslePhaseOutput:
-        """Put a reading, turns and the logarithm of their scale, right; no gradient goes into it."""
+        """Correct a reading, turns and the logarithm of their scale; no gradient goes into it."""
         better, its_log_scale = self.refiner(seen, turns, log_scale, self.front, filters)
         return triangulated(better, its_log_scale, filters.turns_metre)
 

@@ -17,13 +17,13 @@ from laploop.perception.carrier import gaussian_matrix
 from laploop.perception.geometry import Rig
 
 RIG_NUMBERS = 9
-"""Numbers that say all about a rig's geometry but the size of its image."""
+"""Numbers that describe a rig's geometry, all but the size of its image."""
 
 REFERENCE_M = 0.090
-"""Depth around which the turn is chosen that the network is shown first."""
+"""Depth around which the turn of the first guess is chosen."""
 
 DEPTH_RANGE_M = (0.0145, 0.289)
-"""What the network can say at all."""
+"""Range of depth that the network can express."""
 
 _MEAN_PERIODS, _MEAN_ROWS = 0.8, 4.0
 _CUT = 1e-5
@@ -100,7 +100,7 @@ def rig_numbers(rig: Rig) -> tuple[float, ...]:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PhaseFilters:
-    """What the front end derives from the rigs alone; made once where the rig stays."""
+    """What the front end derives from the rigs alone; computed once where the rig stays the same."""
 
     turns_metre: Tensor
     """(B, 1, 1)."""
@@ -113,7 +113,7 @@ class PhaseFilters:
     half_windows_x: tuple[Tensor, ...]
     """Every demodulation window along x, averaged over pairs of columns, each (B, 1, width, width / 2)."""
     maps: Tensor
-    """What the network is told of the geometry, (B, maps, height / 2, width / 2)."""
+    """The geometry as the network sees it, (B, maps, height / 2, width / 2)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -217,7 +217,7 @@ class PhaseFrontEnd(nn.Module):
     def _maps(self, rigs: RigBatch) -> Tensor:
         ray_x = functional.avg_pool1d(rigs.ray_x(self.width), 2)
         ray_y = functional.avg_pool1d(rigs.ray_y(self.height).mT, 2).mT
-        # The left border of the lit field moves by b / Z; told in units of that at the reference, it tells what is unlit.
+        # The left border of the lit field moves by b / Z; in units of that at the reference, it shows what is unlit.
         border = ((ray_x + rigs.column(5)) * REFERENCE_M / rigs.column(4)).clamp(max=4.0) / 4.0
         per_turn = REFERENCE_M / rigs.turns_metre - 1.0
         numbers = [ray_x, ray_y, border, per_turn, rigs.period_px / 12.0 - 1.0]

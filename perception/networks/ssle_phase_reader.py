@@ -1,11 +1,11 @@
 """The first part of `ssle-phase`: reads the stripes' phase and its order from the image alone.
 
-A U-Net behind the fixed front end (`PhaseFrontEnd`) says for every pixel a coarse depth, which picks the stripe order among
+A U-Net behind the fixed front end (`PhaseFrontEnd`) predicts for every pixel a coarse depth, which picks the stripe order among
 those that the wrapped phase allows, a correction of the phase, a gate between phase and coarse depth, and a scale. The stripes
 are then demodulated once more, around the phase found: what is left is linear in the remaining error, and a few convolutions
 read it off.
 
-Whatever the learned part sees and says is in units that mean the same on every rig: turns of phase, or depth relative to
+All inputs and outputs of the learned part are in units that mean the same on every rig: turns of phase, or depth relative to
 90 mm.
 """
 
@@ -32,7 +32,7 @@ _COARSE_MAPS, _FINE_MAPS = 4, 2
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PhaseReading:
-    """What the reader says about a batch, each (B, height, width)."""
+    """The reader's output for a batch, each (B, height, width)."""
 
     turns: Tensor
     """Turns of phase, b / (tau Z)."""

@@ -1,8 +1,8 @@
-"""The second part of `ssle-phase`: sees the stripes turned back by a first reading, and puts the reading right.
+"""The second part of `ssle-phase`: sees the stripes turned back by a first reading, and corrects it.
 
 Turned back by the right phase, every stripe of every rig looks the same: a constant. What deviates from it is, to first order,
 proportional to what the reading lacks, whatever the stripes' count and the baseline. Where the reading is of no use, as in
-shadows, a gate lets depth be told from the surroundings instead.
+shadows, a gate lets the depth follow from the surroundings instead.
 """
 
 import math
@@ -24,10 +24,10 @@ from laploop.perception.networks.ssle_phase_front import (
 
 _MAPS = 4
 _RELIEF_PX = 16
-"""Side of the squares over whose mean the reading's relief is told."""
+"""Side of the squares whose mean the reading's relief is relative to."""
 _RELIEF_GAIN = 20.0
 _STEP_TURNS = 0.1
-"""Size of the steps that the network speaks of."""
+"""Unit of the network's steps."""
 
 
 class PhaseRefiner(nn.Module):
@@ -46,7 +46,7 @@ class PhaseRefiner(nn.Module):
     def forward(
         self, seen: PhaseFeatures, turns: Tensor, log_scale: Tensor, front: PhaseFrontEnd, filters: PhaseFilters
     ) -> tuple[Tensor, Tensor]:
-        """Put a reading right; no gradient goes into it.
+        """Correct a reading; no gradient goes into it.
 
         Args:
             seen: What the front end has read.
@@ -56,7 +56,7 @@ class PhaseRefiner(nn.Module):
             filters: What depends on the rigs.
 
         Returns:
-            The same two, put right.
+            The same two, corrected.
         """
         first, metre = turns.detach(), filters.turns_metre
         with torch.no_grad(), torch.autocast(device_type=first.device.type, enabled=False):

@@ -17,7 +17,7 @@ from laploop.errors import InvalidValueError
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quantized:
-    """What the quantiser says about a batch."""
+    """The quantiser's output for a batch."""
 
     values: Tensor
     """(B, d, H, W), codebook entries; their gradient goes straight through to the latents that they replace."""

@@ -8,7 +8,7 @@ Where the paper's text leaves a choice:
 
 - Attention "at 16x16" cannot be, since with one halving the levels are 256 and 128 pixels wide. Built is the attention of the
   reference framework's middle block, at the coarsest level (128x128), which can be switched off.
-- One transposed convolution enlarges the decoder's maps (4x4, stride 2), as the text says, where the reference framework
+- One transposed convolution enlarges the decoder's maps (4x4, stride 2), as in the text, where the reference framework
   repeats pixels and convolves. The text's tanh is built too.
 - "Mirrors" is read as: two residual blocks a level in the decoder as well, where the reference framework has three.
 """

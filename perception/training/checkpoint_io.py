@@ -18,7 +18,7 @@ _KIND = "laploop-checkpoint-1"
 
 
 class SafetensorsCheckpointIO(CheckpointIO):
-    """Writes and reads checkpoints; a file appears whole or not at all."""
+    """Writes checkpoints atomically, and reads them."""
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any | None = None) -> None:
         """Write a checkpoint.

@@ -11,7 +11,7 @@ LOG_NAME = "log.csv"
 
 
 def write_rows(path: Path, rows: list[dict[str, float]]) -> None:
-    """Write the log, whole or not at all."""
+    """Write the log, atomically."""
     if not rows:
         path.unlink(missing_ok=True)
         return

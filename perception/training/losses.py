@@ -67,7 +67,7 @@ def spatial_loss(
 
     L1 is the mean absolute error under the mask, SSIM that of the masked maps, over the whole image, as the formula has it. The
     text normalises the depths to 0-1 by the data set's range (0 to `farthest_mm`) for SSIM alone; here L1 is normalised as
-    well, since millimetres against a number below 1 would leave SSIM without any say.
+    well, since millimetres against a number below 1 would leave SSIM without any influence.
 
     Raises:
         InvalidValueError: If alpha is not from 0 to 1.

@@ -1,4 +1,4 @@
-"""What the command line can say of a network's training. Whatever is left out is what the network's size says."""
+"""Command-line options of the networks' trainings; the size decides what is left out."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -107,7 +107,7 @@ class SslePhaseOptions(StageOptions):
     """Weights of a trained network to go on from: its first stage stays as it is, its last learns on."""
 
     def __post_init__(self) -> None:
-        """Check that the first stage is said to come from one place."""
+        """Check that the first stage has one source."""
         given = [name for name in ("reader_epochs", "reader", "start") if getattr(self, name) is not None]
         if len(given) > 1:
             allowed = f"none with {given[0]}: the first stage is trained, read from a file, or part of a whole network"

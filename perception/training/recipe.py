@@ -35,7 +35,7 @@ class Loss:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Prediction:
-    """What the network says about a batch, for validation."""
+    """The network's output for a batch, for validation."""
 
     depth_mm: Tensor
     """(B, H, W)."""
@@ -101,7 +101,7 @@ class Recipe(ABC):
         return [parameter for parameter in self.network.parameters() if parameter.requires_grad]
 
     def adam_layers(self) -> Iterable[nn.Module]:
-        """Return layers whose kernels Adam should move where the others are Muon's: those that speak the output's units."""
+        """Return layers whose kernels Adam should move where the others are Muon's: those that produce the output."""
         return ()
 
     def autocast(self, device: torch.device) -> AbstractContextManager[Any]:

@@ -54,7 +54,7 @@ class Samples:
             progress: Show a bar on the standard error stream.
 
         Raises:
-            InvalidValueError: If the split is empty, the data set does not have that truth, a frame is not what its optics say,
+            InvalidValueError: If the split is empty, the data set does not have that truth, a frame does not fit its optics,
                 or no frame has any truth.
         """
         check_against(dataset, against)

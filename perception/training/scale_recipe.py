@@ -1,4 +1,4 @@
-"""What the trainings of networks share that predict the scale of their own error."""
+"""Common part of the trainings of networks that predict the scale of their own error."""
 
 import math
 from typing import Protocol
@@ -11,7 +11,7 @@ from laploop.perception.training.recipe import Batch, Prediction, Recipe, Sample
 
 
 class ScaledOutput(Protocol):
-    """What such a network says about a batch, each (B, height, width)."""
+    """Output of such a network for a batch, each (B, height, width)."""
 
     @property
     def depth_mm(self) -> Tensor:

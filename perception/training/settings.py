@@ -158,7 +158,7 @@ class SsleTraining:
 
     vq: Schedule = Schedule(epochs=100, batch=4, accumulate=4, learning_rate=5e-5, final_learning_rate=5e-5, betas=(0.5, 0.9))
     """Of both VQ-VAEs. Rate, batch and accumulation are the paper's. It is the *base* rate there, which the reference framework
-    multiplies by batch and accumulation, to 8e-4, unless told not to; here it is taken as it stands. Constant, with Adam's
+    multiplies by batch and accumulation, to 8e-4, by default; here it is taken as it is. Constant, with Adam's
     betas, as in the framework. The number of epochs is not in the paper."""
     unet: Schedule = Schedule(epochs=161, batch=4, learning_rate=1e-3, final_learning_rate=1e-6)
     """The paper's: 161 epochs, cosine with T_max 160."""

@@ -41,7 +41,7 @@ class VqRecipe(Recipe):
         return {**self._config.architecture, "format": f"{self._config.form}-{self.name}"}
 
     def augment(self, sample: Sample, rng: np.random.Generator) -> Sample:
-        """Mirror and change the gain, if the training says so."""
+        """Mirror and change the gain if the training has a gain range."""
         return flip_and_gain(sample, rng, self._training.gain_range) if self._training.gain_range else sample
 
     def loss(self, batch: Batch, progress: float) -> Loss:  # noqa: ARG002 - the weights do not change
@@ -106,7 +106,7 @@ class UNetRecipe(Recipe):
         return self.ssle.config.architecture
 
     def augment(self, sample: Sample, rng: np.random.Generator) -> Sample:
-        """Mirror and change the gain, if the training says so."""
+        """Mirror and change the gain if the training has a gain range."""
         return flip_and_gain(sample, rng, self._training.gain_range) if self._training.gain_range else sample
 
     def loss(self, batch: Batch, progress: float) -> Loss:

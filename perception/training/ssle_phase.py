@@ -1,4 +1,4 @@
-"""Training of `ssle-phase` in two stages: the reader from the image, then the refiner around what the reader says.
+"""Training of `ssle-phase` in two stages: the reader from the image, then the refiner around its reading.
 
 Both learn from likelihood and absolute error in millimetres, through the triangulation.
 """
@@ -24,7 +24,7 @@ from laploop.perception.training.settings import SslePhaseTraining
 from laploop.perception.weights import load_weights
 
 _NEAREST_MM, _FARTHEST_MM = 20.0, 250.0
-"""The network's depth ends about there. Of truth outside only the likelihood learns, which is to say that nobody knows."""
+"""The network's depth ends about there. From truth outside, only the likelihood learns: that the depth is unknown."""
 
 TRAINED = "trained"
 """Where the first stage comes from, if not from a file."""
@@ -65,7 +65,7 @@ class ReaderRecipe(_PhaseRecipe):
         return {**self.phase.config.architecture, "format": f"{self.phase.config.form}-{self.name}"}
 
     def adam_layers(self) -> Iterable[nn.Module]:
-        """Return the layers that say the results."""
+        """Return the output layers."""
         return (self.phase.reader.head, self.phase.reader.fine_head)
 
     def loss(self, batch: Batch, progress: float) -> Loss:  # noqa: ARG002 - the weights do not change
@@ -110,7 +110,7 @@ class SslePhaseRecipe(_PhaseRecipe):
         return self.phase.config.architecture
 
     def adam_layers(self) -> Iterable[nn.Module]:
-        """Return the layer that says the results."""
+        """Return the output layer."""
         return (self.phase.refiner.head,)
 
     def loss(self, batch: Batch, progress: float) -> Loss:  # noqa: ARG002 - the weights do not change
@@ -159,8 +159,8 @@ def rigs_of(batch: Batch) -> RigBatch:
 def ssle_phase_loss(output: SslePhaseOutput, truth_mm: Tensor, training: SslePhaseTraining) -> Loss:
     """Return the loss over the pixels with truth.
 
-    The negative log-likelihood of a Laplace distribution, |error| / scale + ln(scale), plus, where the network can tell such a
-    depth, the absolute error. An instrument right before the camera is nearer than that: it must at least not pass for tissue.
+    The negative log-likelihood of a Laplace distribution, |error| / scale + ln(scale), plus the absolute error, where the network can
+    express such a depth. An instrument right before the camera is nearer than that: it must at least not pass for tissue.
     """
     known = torch.isfinite(truth_mm)
     error = (output.depth_mm - torch.where(known, truth_mm, 100.0)).abs()
@@ -213,7 +213,7 @@ def train_ssle_phase(
         start: Weights of a whole network to go on from, instead: its reader stays as it is, its refiner learns on.
 
     Raises:
-        MissingFileError: If there are no weights where they are said to be.
+        MissingFileError: If there are no weights at a given path.
         WeightsError: If they are damaged or of another network.
     """
     first = ReaderRecipe(config, training)

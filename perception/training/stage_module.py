@@ -59,7 +59,7 @@ class StageModule(pl.LightningModule):
         checkpoint["identity"] = self._identity
 
     def configure_optimizers(self) -> torch.optim.Optimizer:
-        """Return Muon where it is asked for; else Adam, or AdamW where weights decay."""
+        """Return the schedule's optimiser; `adam` is AdamW where weights decay."""
         schedule = self.recipe.schedule
         if schedule.optimizer == "muon":
             apart = {parameter for layer in self.recipe.adam_layers() for parameter in layer.parameters()}
@@ -131,7 +131,7 @@ class StageModule(pl.LightningModule):
 
 
 class EpochWriter(pl.Callback):
-    """After every epoch: weights, log, and last the checkpoint, each whole or not at all; a bar in between."""
+    """After every epoch: weights, log, and last the checkpoint, each written atomically; a bar in between."""
 
     def __init__(self, recipe: Recipe, out: Path, *, progress: bool) -> None:
         """Write into the folder `out`."""

@@ -26,7 +26,7 @@ def average_weights(spec: NetworkSpec, files: Sequence[Path], out: Path, *, shar
         shares: Of the files, in any unit; equal by default.
 
     Raises:
-        InvalidValueError: If there is no file, not one share a file, or a share that is not above 0.
+        InvalidValueError: If there is no file, a share is not above 0, or there is not one for each file.
         MissingFileError: If a file is missing.
         WeightsError: If one is damaged or of another architecture.
         OutputError: If `out` cannot be written.

@@ -20,7 +20,7 @@ class DepthEvaluation:
     split: Literal["train", "val", "test"] = "test"
     against: Literal["exact", "zivid", "both"] = "exact"
     """exact: exact depth, in the range of depth. zivid: the reference camera's reprojected depth, over its whole mask, which
-    is the paper's protocol. both: both, and exact depth over the mask, to tell whose the error is."""
+    is the paper's protocol. both: both, and exact depth over the mask, which shows how much of an error is the reference's."""
     nearest_mm: Millimetres = 60.0
     farthest_mm: Millimetres = 140.0
     """Pixels whose exact depth lies outside are left out of `exact`."""

@@ -67,7 +67,7 @@ def evaluate_depth(
         raise InvalidValueError("against", chosen.against, f"exact: the data set {dataset} has no reference camera")
     indices = data.indices(chosen.split)
     estimators = EstimatorCache(models, chosen.weights)
-    # All are made before any work starts, so that what is missing is said at once.
+    # All are made before any work starts, so that missing weights are reported at once.
     estimators.all(data.rig(int(indices[0])))
     evaluation = _Evaluation(data, chosen, indices)
     shown = set(_example_indices(data.tissue_seed[indices], indices, chosen.examples))
@@ -94,7 +94,7 @@ class EstimatorCache:
     """The estimators of each rig, made when it is first met and kept for the last ones."""
 
     def __init__(self, names: Sequence[str], weights: Mapping[str, Path] | None = None) -> None:
-        """Say which estimators, and which weights replace the shipped ones."""
+        """Name the estimators, and the weights that replace shipped ones."""
         self._names = tuple(names)
         self._weights = dict(weights or {})
         self._by_rig: dict[Rig, dict[str, DepthEstimator]] = {}
@@ -126,7 +126,7 @@ class _Evaluation:
             self._scope_from_reference = config.residual.apply(data.calibration.scope_from_reference)
 
     def count(self, index: int, estimators: Mapping[str, DepthEstimator], *, keep: bool) -> None:
-        """Measure all models on one frame, and keep it for the figures if asked to."""
+        """Measure all models on one frame, and perhaps keep it for the figures."""
         data = self._data
         image, exact = data.image(index), data.depth_mm(index)
         distance = float(np.nanmedian(exact)) if np.isfinite(exact).any() else math.nan
@@ -174,7 +174,7 @@ class _Evaluation:
                     against=against,
                     working_distance_mm=name,
                     frames=int(self._frames[place]),
-                    valid_share=valid.pixels / max(1.0, counted[place]),
+                    valid_fraction=valid.pixels / max(1.0, counted[place]),
                     every=every,
                     every_interval=intervals[0],
                     valid=valid,
@@ -243,7 +243,7 @@ class _Evaluation:
     def _add_floors(self, index: int, truth: _Truth, sigma_mm: NDArray[np.float64], places: Sequence[int]) -> None:
         for rows in self._config.floor_rows:
             errors = DepthErrors()
-            # Rows are independent: so many times the information.
+            # Rows are independent: their information adds up.
             errors.add_expected(sigma_mm / math.sqrt(rows), truth.depth_mm, truth.mask & np.isfinite(sigma_mm))
             self._put(floor_name(rows), truth, (errors, errors), index, places)
 
@@ -271,7 +271,7 @@ def _note(model: str, config: DepthEvaluation) -> str:
             "what an unbiased estimate of a sine's phase from a window of one period on "
             f"{model.removeprefix('photon floor, ')} would score with a sensor of {sensor.full_well_electrons:g} electrons "
             f"full well, {sensor.read_noise_electrons:g} electrons read noise and {sensor.bits} bits (Cramér-Rao); all columns "
-            "are over the pixels where the stripes can be read, whose share is given"
+            "are over the pixels where the stripes can be read, whose fraction is given"
         )
     if model == REFERENCE_ROW:
         return "the reference camera's reprojected depth itself"

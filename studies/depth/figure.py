@@ -25,7 +25,7 @@ _MODEL_COLOURS = (BLUE, RED, ORANGE, "#009E73", "#CC79A7", "#56B4E9", "#000000",
 
 
 def draw_comparison(table: DepthTable, path: Path | str, *, examples: int = 3) -> None:
-    """Draw held-out examples as a PNG: stripe image, truth, what each model says, and below it how far off that is.
+    """Draw held-out examples as a PNG: stripe image, truth, each model's depth, and below it the error.
 
     Predictions are shown everywhere, errors where the truth counts. All models of an example share one scale of depth, and the
     whole page shares one of error.
@@ -99,7 +99,7 @@ def draw_examples(table: DepthTable, model: str, path: Path | str) -> None:
 def draw_distance(table: DepthTable, against: str, path: Path | str) -> None:
     """Draw mean absolute error against working distance as a PNG, with 95 % intervals over tissues and the photon floor.
 
-    Left over all pixels that count, right over those that each model itself calls valid; logarithmic.
+    Left over all pixels that count, right over those that each model marks valid; logarithmic.
 
     Raises:
         InvalidValueError: If there is no row against `against`.
@@ -111,7 +111,7 @@ def draw_distance(table: DepthTable, against: str, path: Path | str) -> None:
     centres = [0.5 * (low + high) for low, high in pairwise(edges)]
     with figure_page(path, title=f"Error against working distance ({against})", width_in=10.0, height_in=4.4) as figure:
         axes = figure.subplots(1, 2, sharey=True)
-        for axis, which, name in zip(axes, ("every", "valid"), ("all pixels that count", "pixels called valid"), strict=True):
+        for axis, which, name in zip(axes, ("every", "valid"), ("all pixels that count", "pixels marked valid"), strict=True):
             for number, model in enumerate(models):
                 _draw_line(axis, table, model, against, which, centres, number)
             axis.set_yscale("log")

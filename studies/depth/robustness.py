@@ -1,4 +1,4 @@
-"""What becomes of a model outside of its training set, and whether its confidence knows."""
+"""Errors of models outside of their training set, and whether their confidence shows them."""
 
 import csv
 import io
@@ -27,7 +27,7 @@ from laploop.studies.depth.table import write_texts
 
 SURROUNDINGS = "exact, unlit filled in"
 """In the table, a model that knows the exact depth of all that the projector reaches, and of the rest only that a
-surface bends little: what a condition costs by what it hides."""
+surface bends little: what a condition costs by hiding parts of the view."""
 
 _SETS = 6
 """Errors of: all pixels in the range of depth; those of them that the model marks valid; all that it marks valid; those in the
@@ -54,8 +54,8 @@ class RobustnessRow:
     """Over all pixels that the model marks valid, those outside the range of depth too, such as the instrument's."""
     lit: DepthMetrics
     """Over all pixels in the range of depth that the projector reaches: in a shadow there is nothing to read."""
-    valid_share: float
-    """Share of the pixels in the range of depth that the model marks valid."""
+    valid_fraction: float
+    """Fraction of the pixels in the range of depth that the model marks valid."""
     ratio: float
     """Mean absolute error of all pixels relative to that of the nominal condition."""
     lit_ratio: float
@@ -84,7 +84,7 @@ class RobustnessRow:
             "lit_mae_mm": self.lit.mae_mm,
             "lit_ratio": self.lit_ratio,
             "same_ratio": self.same_ratio,
-            "valid_share": self.valid_share,
+            "valid_share": self.valid_fraction,
             "valid_mae_mm": self.valid.mae_mm,
             "valid_mae_mm_low": self.valid_interval.low.mae_mm,
             "valid_mae_mm_high": self.valid_interval.high.mae_mm,
@@ -115,7 +115,7 @@ def measure_robustness(
         raise InvalidValueError("models", list(models), "one name or more")
     chosen = config or RobustnessConfig()
     estimators = EstimatorCache(models, weights)
-    # Made before any work starts, so that what is missing is said at once.
+    # Made before any work starts, so that missing weights are reported at once.
     estimators.all(Rig.from_optics(scope))
     names = [*models, SURROUNDINGS]
     sums = np.zeros((len(CONDITIONS), len(names), _SETS, chosen.tissues, 8))
@@ -174,7 +174,7 @@ def _row(
         valid_interval=intervals[1],
         claimed=claimed,
         lit=lit,
-        valid_share=valid.pixels / max(1, every.pixels),
+        valid_fraction=valid.pixels / max(1, every.pixels),
         ratio=_ratio(every, usual[0], model),
         lit_ratio=_ratio(lit, usual[3], model),
         same_ratio=_ratio(same, before.mae_mm, model) if same.pixels else math.nan,
@@ -204,19 +204,19 @@ def robustness_markdown(rows: Sequence[RobustnessRow]) -> str:
     """Return the rows as a Markdown table, with what each condition is."""
     head = (
         "| model | condition | frames | MAE mm | to nominal | lit | MAE mm, lit | to nominal | to nominal, same pixels "
-        "| called valid | MAE mm, called valid | the same at any depth |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n"
+        "| marked valid | MAE mm, marked valid | the same at any depth |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n"
     )
     body = "".join(
         f"| {row.model} | {row.condition} | {row.frames} | {_number(row.every.mae_mm)} | {_number(row.ratio)} "
         f"| {100 * row.lit.pixels / max(1, row.every.pixels):.1f} % | {_number(row.lit.mae_mm)} "
         f"| {_number(row.lit_ratio)} | {_number(row.same_ratio)} "
-        f"| {100 * row.valid_share:.1f} % | {_number(row.valid.mae_mm)} | {_number(row.claimed.mae_mm)} |\n"
+        f"| {100 * row.valid_fraction:.1f} % | {_number(row.valid.mae_mm)} | {_number(row.claimed.mae_mm)} |\n"
         for row in rows
     )
     meanings = "".join(f"- {name}: {meaning}\n" for name, meaning in CONDITIONS.items())
     return (
         f"{head}{body}\nTissues that no data set holds, against exact truth, pixels in the range of depth; the last column "
-        f"also counts what the model calls valid outside of it.\n\n{meanings}"
+        f"also counts what the model marks valid outside of it.\n\n{meanings}"
     )
 
 

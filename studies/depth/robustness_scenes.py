@@ -1,4 +1,4 @@
-"""Frames outside of what networks were trained on, rendered on tissues that no data set holds, with exact truth."""
+"""Frames outside of what networks were trained on, rendered on tissues of no data set, with exact truth."""
 
 import math
 from collections.abc import Iterator
@@ -23,11 +23,11 @@ NOMINAL, OTHER_TISSUE = "nominal", "other tissue"
 
 CONDITIONS = {
     NOMINAL: "as in training, without the instrument",
-    "phase shifted": "the mask shifted by a third of a period, which the rig's calibration tells the model",
+    "phase shifted": "the mask shifted by a third of a period, which the model knows from the rig's calibration",
     "half power": "the LED at half its power",
-    OTHER_TISSUE: "lobes of half, and of 1.7 times, the usual width and height, by turns",
+    OTHER_TISSUE: "lobes of half, and of 1.7 times, the usual width and height, alternating",
     "tool in view": "the instrument close to the camera, covering about 30 % of the view",
-    "saturated or dark": "40 % of the pixels saturated, or below 1 % of full scale, by turns",
+    "saturated or dark": "40 % of the pixels saturated, or below 1 % of full scale, alternating",
 }
 """The conditions by name, and what each changes; everything else is drawn as for `nominal`, whose frame comes first."""
 

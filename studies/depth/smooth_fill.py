@@ -1,7 +1,7 @@
-"""What the least bending of a surface says of the parts of it that nobody sees.
+"""Continuation of a depth map into its unknown parts with the least bending.
 
-Where no light of the projector falls there is nothing to read: depth there can only be told from the surroundings. To know what
-that costs at least about, the exact depth of all that is lit is continued into the dark with the least bending.
+Where no light of the projector falls there is nothing to read: depth there can only follow from the surroundings. To estimate
+the least cost of that, the exact depth of everything that is lit is continued into the dark.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ def fill_smoothly(depth_mm: NDArray[np.floating], known: NDArray[np.bool_]) -> N
         known: (H, W).
 
     Raises:
-        InvalidValueError: If the shapes differ, no pixel is known, or one that is said to be known is not finite.
+        InvalidValueError: If the shapes differ, no pixel is known, or a known one is not finite.
     """
     if depth_mm.shape != known.shape or depth_mm.ndim != 2:
         raise InvalidValueError("shapes of depth and mask", (depth_mm.shape, known.shape), "the same, (H, W)")

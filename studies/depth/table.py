@@ -1,4 +1,4 @@
-"""The table of a depth evaluation: what each model scored, against which truth, and how it is written down."""
+"""The table of a depth evaluation: scores of the models against each truth, as JSON, CSV and Markdown."""
 
 import csv
 import io
@@ -43,19 +43,19 @@ class DepthRow:
     working_distance_mm: str
     """A bin, or `all`."""
     frames: int
-    valid_share: float
-    """Share of the pixels that count that the model itself calls valid."""
+    valid_fraction: float
+    """Fraction of the pixels that count that the model marks valid."""
     every: DepthMetrics
-    """Over every pixel that counts, whether the model stands by it or not."""
+    """Over every pixel that counts, whether the model marks it valid or not."""
     every_interval: MetricsInterval
     valid: DepthMetrics
-    """Over those that the model calls valid."""
+    """Over those that the model marks valid."""
     valid_interval: MetricsInterval
     note: str = ""
-    """What a reader must know about this line."""
+    """Remark on this line."""
 
     def flat(self) -> dict[str, object]:
-        """Return the line as a flat dictionary; what is over the pixels that the model calls valid has the prefix `valid_`.
+        """Return the line as a flat dictionary; metrics over the pixels that the model marks valid have the prefix `valid_`.
 
         `_low` and `_high` are the ends of the 95 % interval; what is unknown is None.
         """
@@ -66,7 +66,7 @@ class DepthRow:
             "frames": self.frames,
         }
         line.update(_with_interval("", self.every, self.every_interval))
-        line["valid_share"] = self.valid_share
+        line["valid_share"] = self.valid_fraction
         line.update(_with_interval("valid_", self.valid, self.valid_interval))
         line["note"] = self.note
         # A bin without pixels has no error; neither JSON nor a spreadsheet knows NaN.
@@ -128,7 +128,7 @@ class DepthTable:
 
         `reference_mae_mm` is calibration, reprojection and the reference camera together: its depth against exact depth at its
         own pixels. `models` gives for each model its error against the reference, and against exact depth at the same pixels,
-        which is the model's own share. Absolute errors do not add up: the whole is at most the sum of the two.
+        which is the model's own part. Absolute errors do not add up: the whole is at most the sum of the two.
         """
         by_key = {(row.model, row.against): row for row in self.rows if row.working_distance_mm == "all"}
         reference = by_key.get((REFERENCE_ROW, "exact-at-zivid"))
@@ -151,7 +151,7 @@ class DepthTable:
 
 
 def write_table(table: DepthTable, out: Path) -> None:
-    """Write `depth.json`, `depth.csv` and `depth.md` into the folder `out`, each whole or not at all.
+    """Write `depth.json`, `depth.csv` and `depth.md` into the folder `out`, each atomically.
 
     Raises:
         OutputError: If the folder cannot be written.
@@ -180,7 +180,7 @@ def write_table(table: DepthTable, out: Path) -> None:
 
 
 def write_texts(out: Path, texts: Mapping[str, str]) -> None:
-    """Write files by name into the folder `out`, each whole or not at all.
+    """Write files by name into the folder `out`, each atomically.
 
     Raises:
         OutputError: If the folder cannot be written.
@@ -212,30 +212,30 @@ def markdown_table(table: DepthTable) -> str:
     sections += [f"`{model}`: {note}.\n" for model, note in notes.items()]
     sections.append(
         "In brackets the 95 % interval of a bootstrap over tissues. The last two columns count only the pixels that the model "
-        "itself calls valid.\n"
+        "marks valid.\n"
     )
     return "\n".join(sections)
 
 
 def _metrics_table(rows: Sequence[DepthRow]) -> str:
     head = (
-        "| model | MAE mm | AbsRel | Acc(1.1) | Acc(1.1²) | RMSE mm | beyond 20 mm | called valid | MAE mm, called valid |\n"
+        "| model | MAE mm | AbsRel | Acc(1.1) | Acc(1.1²) | RMSE mm | beyond 20 mm | marked valid | MAE mm, marked valid |\n"
         "|---|---|---|---|---|---|---|---|---|\n"
     )
     return head + "".join(
         f"| {row.model} | {_ranged(row.every, row.every_interval, 'mae_mm', '.2f')} "
         f"| {_ranged(row.every, row.every_interval, 'abs_rel', '.4f')} | {row.every.acc_1_1:.4f} | {row.every.acc_1_21:.4f} "
-        f"| {row.every.rmse_mm:.2f} | {100 * row.every.beyond_20mm:.2f} % | {100 * row.valid_share:.1f} % "
+        f"| {row.every.rmse_mm:.2f} | {100 * row.every.beyond_20mm:.2f} % | {100 * row.valid_fraction:.1f} % "
         f"| {_ranged(row.valid, row.valid_interval, 'mae_mm', '.2f')} |\n"
         for row in rows
     )
 
 
 def _bins_table(rows: Sequence[DepthRow]) -> str:
-    head = "| model | mm | frames | MAE mm | Acc(1.1) | called valid | MAE mm, called valid |\n|---|---|---|---|---|---|---|\n"
+    head = "| model | mm | frames | MAE mm | Acc(1.1) | marked valid | MAE mm, marked valid |\n|---|---|---|---|---|---|---|\n"
     return head + "".join(
         f"| {row.model} | {row.working_distance_mm} | {row.frames} | {_ranged(row.every, row.every_interval, 'mae_mm', '.2f')} "
-        f"| {row.every.acc_1_1:.4f} | {100 * row.valid_share:.1f} % "
+        f"| {row.every.acc_1_1:.4f} | {100 * row.valid_fraction:.1f} % "
         f"| {_ranged(row.valid, row.valid_interval, 'mae_mm', '.2f')} |\n"
         for row in rows
         if row.frames

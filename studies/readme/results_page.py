@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from laploop.errors import InvalidValueError, MissingFileError, OutputError
+from laploop.perception.network_specs import SHIPPED
 from laploop.studies.readme.results_tables import residual_table, robustness_table, speed_table, tasks_table
 
 BEGIN = "<!-- results: begin -->"
@@ -19,7 +20,7 @@ END = "<!-- results: end -->"
 DEPTH = Path(str(files("laploop.assets") / "weights" / "compact.json"))
 """The depth evaluation that the shipped weights' card rests on."""
 
-MODELS = ("oracle", "compact", "ssle-phase", "ssle", "dual-unet", "phase")
+MODELS = ("oracle", *(spec.name for spec in SHIPPED), "phase")
 """In the order of the tables."""
 
 TRIALS = tuple(f"{name}-{motion}" for name in MODELS for motion in ("still", "breathing"))

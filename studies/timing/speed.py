@@ -1,4 +1,4 @@
-"""How long a depth model takes for a frame, and nothing else: the measurement of the paper's section 3.2.
+"""Time of a depth model for a frame, and nothing else: the measurement of the paper's section 3.2.
 
 The clock runs from an image in the computer's memory (256 x 256, 8 bits) to a depth map there: conversion to float32, the copy
 to the device and back where it is a GPU, and the network. Reading files, drawing and checking are outside. Frames follow each
@@ -29,7 +29,7 @@ MAX_DIFFERENCE_MM = 0.1
 _IMAGES = 16
 """Different images, shown in turn; the same number is compared with the reference."""
 _MAX_SCALE_MM = 2.0
-"""Pixels are compared where the network itself calls its error smaller."""
+"""Pixels are compared where the network expects a smaller error."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -152,7 +152,7 @@ def _time_network(config: SpeedConfig, rig: Rig, images: list[Image], progress: 
 
 
 def _difference_mm(runner: Any, images: list[Image], expected: list[tuple[NDArray[np.float32], ...]]) -> float:
-    """Return the mean absolute difference of depth over the pixels that the reference calls valid."""
+    """Return the mean absolute difference of depth over the pixels that the reference marks valid."""
     sums, count = 0.0, 0
     for image, wanted in zip(images, expected, strict=False):
         found = runner.run(image)[0]

@@ -120,13 +120,13 @@ def register():
 
 def test_oracle_is_exact_on_every_pixel(dataset):
     row = evaluate_depth(dataset, ["oracle"], progress=False).row("oracle")
-    assert (row.valid.mae_mm, row.every.mae_mm, row.valid_share) == (0.0, 0.0, 1.0)
+    assert (row.valid.mae_mm, row.every.mae_mm, row.valid_fraction) == (0.0, 0.0, 1.0)
 
 
 def test_phase_is_within_a_fifth_of_a_millimetre_on_cosine_stripes(dataset):
     row = evaluate_depth(dataset, ["phase"], progress=False).row("phase")
     assert row.valid.mae_mm < 0.2  # mm; a pure cosine leaves rounding to 8 bits and the ends of the rows
-    assert 0.8 < row.valid_share < 1.0
+    assert 0.8 < row.valid_fraction < 1.0
     assert row.every.mae_mm > row.valid.mae_mm
 
 

@@ -24,7 +24,7 @@ def row_of(model, distance, error_mm):
         against="zivid",
         working_distance_mm=distance,
         frames=2,
-        valid_share=0.9,
+        valid_fraction=0.9,
         every=metrics_of(error_mm),
         every_interval=interval,
         valid=metrics_of(0.5 * error_mm),

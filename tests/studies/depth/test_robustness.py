@@ -73,13 +73,13 @@ def test_rows_say_how_much_worse_each_condition_is(tmp_path):
     by_key = {(row.model, row.condition): row for row in rows}
     for condition in CONDITIONS:
         oracle = by_key["oracle", condition]
-        assert (oracle.every.mae_mm, oracle.valid_share) == (0.0, 1.0)
+        assert (oracle.every.mae_mm, oracle.valid_fraction) == (0.0, 1.0)
         assert oracle.every.pixels > 0
         assert by_key["phase", condition].every.pixels == oracle.every.pixels
     nominal, lost = by_key["phase", "nominal"], by_key["phase", "saturated or dark"]
     assert nominal.ratio == nominal.valid_ratio == 1.0
     assert lost.ratio == pytest.approx(lost.every.mae_mm / nominal.every.mae_mm)
-    assert lost.valid_share < nominal.valid_share
+    assert lost.valid_fraction < nominal.valid_fraction
     shadowed = by_key["phase", "tool in view"]
     assert shadowed.lit.pixels / shadowed.every.pixels < nominal.lit.pixels / nominal.every.pixels
     assert shadowed.lit.mae_mm < shadowed.every.mae_mm
@@ -97,7 +97,7 @@ def test_rows_say_how_much_worse_each_condition_is(tmp_path):
     with (tmp_path / "robustness.csv").open() as file:
         lines = list(csv.DictReader(file))
     assert len(lines) == len(rows)
-    assert float(lines[-1]["valid_share"]) == pytest.approx(rows[-1].valid_share)
+    assert float(lines[-1]["valid_share"]) == pytest.approx(rows[-1].valid_fraction)
     assert "| phase | tool in view | 2 |" in (tmp_path / "robustness.md").read_text()
 
 
