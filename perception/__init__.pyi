@@ -16,6 +16,7 @@ from .data.pair_store import PairFrame as PairFrame
 from .data.pair_store import PairStore as PairStore
 from .estimators.base import DepthEstimator as DepthEstimator
 from .estimators.base import checked_estimate as checked_estimate
+from .estimators.base import to_eight_bits as to_eight_bits
 from .estimators.registry import ESTIMATORS as ESTIMATORS
 from .estimators.registry import make_estimator as make_estimator
 from .geometry import Intrinsics as Intrinsics
@@ -69,5 +70,6 @@ __all__ = [
     "reproject",
     "save_calibration",
     "save_weights",
+    "to_eight_bits",
     "transform_points",
 ]

@@ -41,14 +41,6 @@ class StripeCarrier:
         periods = (x + mask.half_width_tan) / mask.period_tan - mask.phase - 0.5 * mask.duty
         return 2.0 * np.pi * periods
 
-    def turns_from_depth(self, depth_m: Array) -> Array:
-        """Map depth in metres to turns of phase."""
-        return self.turns_metre / depth_m
-
-    def depth_from_turns(self, turns: Array) -> Array:
-        """Map turns of phase, above 0, to depth in metres."""
-        return self.turns_metre / turns
-
 
 def gaussian_matrix(size: int, sigma: float) -> Array:
     """Return the (size, size) matrix that smooths a vector with a Gaussian of `sigma` samples.

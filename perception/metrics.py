@@ -91,10 +91,6 @@ class DepthErrors:
             (2.0 * ndtr(-20.0 / sigma)).sum(),
         ]
 
-    def merge(self, other: "DepthErrors") -> None:
-        """Count what another counter has counted as well."""
-        self.sums += other.sums
-
     def metrics(self) -> DepthMetrics:
         """Return the metrics over everything counted so far."""
         return _metrics(self.sums)
@@ -125,8 +121,8 @@ def bootstrap_interval(
     Raises:
         InvalidValueError: If the number of draws or the confidence is impossible.
     """
-    if resamples < 1:
-        raise InvalidValueError("resamples", resamples, "an integer from 1")
+    if not isinstance(resamples, int) or resamples < 1:
+        raise InvalidValueError("resamples", resamples, "an integer, 1 or more")
     if not 0.0 < confidence < 1.0:
         raise InvalidValueError("confidence", confidence, "above 0 and below 1")
     counted = sums[sums[:, 0] > 0]

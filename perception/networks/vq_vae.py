@@ -103,11 +103,6 @@ class VqVae(nn.Module):
         return self.decoder(quantized.values), quantized
 
 
-def parameter_count(module: nn.Module) -> int:
-    """Return how many numbers a module learns."""
-    return sum(parameter.numel() for parameter in module.parameters())
-
-
 def image_to_unit(image: Tensor) -> Tensor:
     """Scale grey values (B, H, W) from 0-255 to (B, 1, H, W) in -1 to 1."""
     return (image[:, None] * (2.0 / 255.0)) - 1.0

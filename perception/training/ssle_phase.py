@@ -159,8 +159,9 @@ def rigs_of(batch: Batch) -> RigBatch:
 def ssle_phase_loss(output: SslePhaseOutput, truth_mm: Tensor, training: SslePhaseTraining) -> Loss:
     """Return the loss over the pixels with truth.
 
-    The negative log-likelihood of a Laplace distribution, |error| / scale + ln(scale), plus the absolute error, where the network
-    can express such a depth. An instrument right before the camera is nearer than that: it must at least not pass for tissue.
+    The negative log-likelihood of a Laplace distribution, |error| / scale + ln(scale), plus the absolute error where the
+    network can express such a depth. An instrument right before the camera is nearer than that: it must at least not pass for
+    tissue.
     """
     known = torch.isfinite(truth_mm)
     error = (output.depth_mm - torch.where(known, truth_mm, 100.0)).abs()

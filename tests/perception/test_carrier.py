@@ -13,14 +13,8 @@ def test_period_of_twenty_stripes_over_256_pixels_is_12_8_pixels(rig):
 
 def test_one_turn_of_phase_spans_60_to_195_mm(rig):
     carrier = StripeCarrier(rig=rig)
-    turns = carrier.turns_from_depth(np.array([0.060, 0.195]))
+    turns = carrier.turns_metre / np.array([0.060, 0.195])
     assert turns[0] - turns[1] == pytest.approx(1.0, abs=0.002)  # turns; the page of facts rounds 195 mm
-
-
-def test_depth_from_turns_undoes_turns_from_depth(rig):
-    carrier = StripeCarrier(rig=rig)
-    depth = np.linspace(0.03, 0.3, 50)
-    np.testing.assert_allclose(carrier.depth_from_turns(carrier.turns_from_depth(depth)), depth, rtol=1e-14)
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.3, -0.2])
@@ -41,7 +35,7 @@ def test_difference_of_camera_and_mask_phase_is_the_turns_of_depth(rig):
     depth = np.full((rig.camera.height, rig.camera.width), 0.083)
     camera_x, mask_x = rig.camera.rays[..., 0], rig.projector_x(depth)
     turns = (camera_x - mask_x) / rig.mask.period_tan
-    np.testing.assert_allclose(turns, carrier.turns_from_depth(depth), rtol=1e-12)
+    np.testing.assert_allclose(turns, carrier.turns_metre / depth, rtol=1e-12)
 
 
 def test_rows_of_a_gaussian_matrix_sum_to_one_and_smooth_a_line_without_bias_inside():

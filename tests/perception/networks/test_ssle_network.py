@@ -16,12 +16,15 @@ from laploop.perception.networks.vq_vae import (
     VqVae,
     depth_to_unit,
     image_to_unit,
-    parameter_count,
     unit_to_depth,
 )
 
 PAPER = VqVaeConfig()
 SSLE = NETWORKS.get("ssle")
+
+
+def parameter_count(module):
+    return sum(parameter.numel() for parameter in module.parameters())
 
 
 def _gmac(module, *shape):
