@@ -1,7 +1,5 @@
 """Finding the corners of a calibration board in a picture."""
 
-from collections.abc import Sequence
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -53,20 +51,6 @@ def find_corners(image: NDArray[np.uint8], board: CalibrationBoard) -> Array | N
     fine = cv2.cornerSubPix(grey, coarse.reshape(-1, 1, 2), (half, half), (-1, -1), stop)
     corners = _in_order(np.asarray(fine, dtype=np.float64).reshape(down, across, 2), grey)
     return corners.reshape(-1, 2) + _OPENCV_CENTRE if _shows_whole_board(corners, grey) else None
-
-
-def find_corners_of_views(images: Sequence[NDArray[np.uint8]], board: CalibrationBoard) -> list[Array]:
-    """Find the corners in each of several pictures; see `find_corners`.
-
-    Raises:
-        InvalidValueError: If the board is not found in one of them; names all such views.
-    """
-    views = [find_corners(image, board) for image in images]
-    lost = [index for index, corners in enumerate(views) if corners is None]
-    if lost:
-        allowed = f"pictures that show all {board.columns} x {board.rows} squares of the board; leave those views out"
-        raise InvalidValueError("views without the board", lost, allowed)
-    return [corners for corners in views if corners is not None]
 
 
 def _find_grid(grey: NDArray[np.uint8], across: int, down: int) -> NDArray[np.float32] | None:

@@ -83,7 +83,8 @@ def calibrate_hand_eye(
         return corners - camera.project(in_camera)
 
     start = np.concatenate([pose_as_vector(flange_from_camera), pose_as_vector(world_from_board)])
-    solution: Any = least_squares(lambda values: misfit(values).ravel(), start, x_scale="jac", jac="3-point")
+    # MINPACK, since it needs no BLAS, whose last digits depend on the number of its threads.
+    solution: Any = least_squares(lambda values: misfit(values).ravel(), start, x_scale="jac", jac="3-point", method="lm")
     found = vectors_as_poses(solution.x.reshape(2, 6))
     squares = (misfit(solution.x) ** 2).sum(axis=-1).mean(axis=-1)
     return HandEyeCalibration(

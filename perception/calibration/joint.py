@@ -18,7 +18,8 @@ from laploop.assets.calibration_board import CalibrationBoard
 from laploop.errors import InvalidValueError
 from laploop.perception.calibration.poses import place_board, pose_as_vector, vectors_as_poses
 from laploop.perception.calibration.results import CameraCalibration, StereoCalibration, check_view_count
-from laploop.perception.calibration.solve import COEFFICIENTS, calibrate_stereo
+from laploop.perception.calibration.solve import COEFFICIENTS, checked_corners
+from laploop.perception.geometry import invert_transform
 
 Array = NDArray[np.float64]
 
@@ -85,15 +86,23 @@ def calibrate_jointly(
     if len(own_views) != len(scope.camera_from_board):
         allowed = f"{len(scope.camera_from_board)}, those the scope was calibrated from"
         raise InvalidValueError("number of the scope's own views", len(own_views), allowed)
-    start = calibrate_stereo(scope_views, reference_views, board, scope=scope, reference=reference)
-    problem = _Problem(board, np.array(own_views), np.array(scope_views), np.array(reference_views), scope, reference)
-    unknowns = problem.start(start.scope_from_reference)
+    check_view_count(len(scope_views))
+    if len(reference_views) != len(scope_views):
+        allowed = f"{len(scope_views)}, as many as of the scope"
+        raise InvalidValueError("number of the reference camera's views", len(reference_views), allowed)
+    own, in_scope, in_reference = (
+        np.array([checked_corners(view, board) for view in views]) for views in (own_views, scope_views, reference_views)
+    )
+    problem = _Problem(board, own, in_scope, in_reference, scope, reference)
+    unknowns = problem.start()
     sigmas = (1.0, 1.0)
     for _ in range(2):
         unknowns = problem.solve(unknowns, sigmas)
-        own, in_scope, in_reference = problem.misfits(unknowns)
-        of_scope = np.concatenate([own.ravel(), in_scope.ravel()])
-        sigmas = (max(_LEAST_SIGMA_PX, float(of_scope.std())), max(_LEAST_SIGMA_PX, float(in_reference.std())))
+        *of_scope, of_reference = problem.misfits(unknowns)
+        sigmas = (
+            max(_LEAST_SIGMA_PX, float(np.concatenate(of_scope, axis=None).std())),
+            max(_LEAST_SIGMA_PX, float(of_reference.std())),
+        )
     return problem.result(unknowns)
 
 
@@ -116,13 +125,21 @@ class _Problem:
         self._free = tuple(name for name in COEFFICIENTS if getattr(scope.distortion, name) != 0.0)
         self._shared = len(_INTRINSICS) + len(self._free) + 6
 
-    def start(self, scope_from_reference: Array) -> Array:
-        """Return the vector to start from; the pairs' poses are those that the reference camera sees."""
+    def start(self) -> Array:
+        """Return the vector to start from: poses as each camera alone sees them, the transform from the pair that fits best."""
         values = [getattr(self._scope.intrinsics, name) for name in _INTRINSICS]
         values += [getattr(self._scope.distortion, name) for name in self._free]
-        reference_from_board = [place_board(self._reference, view, self._points) for view in self._measured[2]]
-        poses = [scope_from_reference, *self._scope.camera_from_board, *reference_from_board]
-        return np.concatenate([values, *(pose_as_vector(pose) for pose in poses)])
+        of_scope, of_reference = (
+            np.array([place_board(camera, view, self._points) for view in views])
+            for camera, views in ((self._scope, self._measured[1]), (self._reference, self._measured[2]))
+        )
+
+        def vector(scope_from_reference: Array) -> Array:
+            poses = [scope_from_reference, *self._scope.camera_from_board, *of_reference]
+            return np.concatenate([values, *(pose_as_vector(pose) for pose in poses)])
+
+        candidates = [vector(one @ invert_transform(other)) for one, other in zip(of_scope, of_reference, strict=True)]
+        return min(candidates, key=lambda unknowns: float((self.misfits(unknowns)[1] ** 2).sum()))
 
     def solve(self, unknowns: Array, sigmas: tuple[float, float]) -> Array:
         """Minimise the weighted misfit."""
@@ -138,7 +155,8 @@ class _Problem:
         def jacobian(values: Array) -> Array:
             return self._jacobian(misfit, values)
 
-        found: Any = least_squares(misfit, unknowns, jac=jacobian, x_scale="jac", method="trf", xtol=1e-12, ftol=1e-12)
+        # MINPACK, since it needs no BLAS, whose last digits depend on the number of its threads.
+        found: Any = least_squares(misfit, unknowns, jac=jacobian, x_scale="jac", method="lm", xtol=1e-12, ftol=1e-12)
         return np.asarray(found.x)
 
     def misfits(self, unknowns: Array) -> tuple[Array, Array, Array]:

@@ -1,4 +1,4 @@
-"""From corners in several views to cameras and the transform between them, by OpenCV's bundle adjustment."""
+"""From corners in several views to a camera, by OpenCV's bundle adjustment."""
 
 from collections.abc import Collection, Sequence
 from typing import Any
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from laploop.assets.calibration_board import CalibrationBoard
 from laploop.errors import InvalidValueError
-from laploop.perception.calibration.results import CameraCalibration, StereoCalibration, check_view_count
+from laploop.perception.calibration.results import CameraCalibration, check_view_count
 from laploop.perception.geometry import Intrinsics
 from laploop.perception.reprojection import BrownDistortion
 
@@ -50,7 +50,7 @@ def calibrate_camera(
             determine the camera.
     """
     check_view_count(len(views))
-    pixels = [_checked(corners, board) for corners in views]
+    pixels = [checked_corners(corners, board).astype(np.float32) for corners in views]
     unknown = sorted(set(coefficients or ()) - set(COEFFICIENTS))
     if unknown or len({"p1", "p2"} & set(coefficients or ())) == 1:
         raise InvalidValueError("coefficients", sorted(coefficients or ()), "k1, k2, and the pair p1 and p2")
@@ -68,62 +68,16 @@ def calibrate_camera(
     return _solve(pixels, board, size, kept)[0]
 
 
-def calibrate_stereo(
-    scope_views: Sequence[Array],
-    reference_views: Sequence[Array],
-    board: CalibrationBoard,
-    *,
-    scope: CameraCalibration,
-    reference: CameraCalibration,
-) -> StereoCalibration:
-    """Estimate where two calibrated cameras are from each other; their intrinsics stay as they are.
-
-    Args:
-        scope_views: The board's corners in the scope's pictures, (n, 2) each.
-        reference_views: The same in those that the reference camera took at the same time.
-        board: Their positions.
-        scope: The scope's camera.
-        reference: The reference camera.
+def checked_corners(corners: Array, board: CalibrationBoard) -> Array:
+    """Return one view's corners.
 
     Raises:
-        InvalidValueError: If there are too few views, not as many of both, corners are missing, or the views do not determine
-            the transform.
+        InvalidValueError: If they are not the board's, (n, 2), or not finite.
     """
-    check_view_count(len(scope_views))
-    if len(reference_views) != len(scope_views):
-        allowed = f"{len(scope_views)}, as many as of the scope"
-        raise InvalidValueError("number of the reference camera's views", len(reference_views), allowed)
-    in_scope = [_checked(corners, board) for corners in scope_views]
-    in_reference = [_checked(corners, board) for corners in reference_views]
-    size = (scope.intrinsics.width, scope.intrinsics.height)
-    # OpenCV's R and t lead from its first camera's frame to its second's.
-    try:
-        solution: Any = cv2.stereoCalibrateExtended(
-            _object_points(board, len(in_scope)),
-            in_reference,
-            in_scope,
-            reference.intrinsics.matrix,
-            _vector(reference.distortion),
-            scope.intrinsics.matrix,
-            _vector(scope.distortion),
-            size,
-            np.eye(3),
-            np.zeros((3, 1)),
-            flags=cv2.CALIB_FIX_INTRINSIC,
-            criteria=_STOP,
-        )
-    except cv2.error as error:
-        raise InvalidValueError("views", len(in_scope), f"views that determine the cameras' transform ({error.err})") from error
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = solution[5], solution[6].ravel()
-    per_camera = np.asarray(solution[-1], dtype=np.float64)
-    errors = np.sqrt((per_camera**2).mean(axis=1))
-    return StereoCalibration(
-        scope=scope,
-        reference=reference,
-        scope_from_reference=transform,
-        view_errors_px=tuple(float(error) for error in errors),
-    )
+    count = len(board.corners)
+    if corners.shape != (count, 2) or not np.isfinite(corners).all():
+        raise InvalidValueError("shape of a view's corners", corners.shape, f"({count}, 2), finite pixels")
+    return corners
 
 
 def _solve(
@@ -134,13 +88,17 @@ def _solve(
     for name, flag in (("k1", cv2.CALIB_FIX_K1), ("k2", cv2.CALIB_FIX_K2)):
         flags |= 0 if name in kept else flag
     flags |= 0 if {"p1", "p2"} & set(kept) else cv2.CALIB_ZERO_TANGENT_DIST
+    points: Any = [board.corners.astype(np.float32)] * len(pixels)
     guess: Any = np.eye(3)
+    threads = cv2.getNumThreads()
+    # Several threads add up the views' shares in the order in which they finish: other last digits in every run.
+    cv2.setNumThreads(1)
     try:
-        solution: Any = cv2.calibrateCameraExtended(
-            _object_points(board, len(pixels)), pixels, size, guess, np.zeros(5), flags=flags, criteria=_STOP
-        )
+        solution: Any = cv2.calibrateCameraExtended(points, pixels, size, guess, np.zeros(5), flags=flags, criteria=_STOP)
     except cv2.error as error:
         raise InvalidValueError("views", len(pixels), f"views that determine the camera ({error.err})") from error
+    finally:
+        cv2.setNumThreads(threads)
     matrix, vector, turns, shifts, deviations, _, errors = solution[1:]
     deviation = np.asarray(deviations).ravel()
     poses = np.tile(np.eye(4), (len(pixels), 1, 1))
@@ -166,20 +124,3 @@ def _solve(
         camera_from_board=poses,
     )
     return found, dict(zip(COEFFICIENTS, (float(value) for value in deviation[4:8]), strict=True))
-
-
-def _object_points(board: CalibrationBoard, count: int) -> list[NDArray[np.float32]]:
-    return [board.corners.astype(np.float32)] * count
-
-
-def _vector(distortion: BrownDistortion) -> Array:
-    """Return the coefficients in OpenCV's order."""
-    return np.array([distortion.k1, distortion.k2, distortion.p1, distortion.p2, distortion.k3])
-
-
-def _checked(corners: Array, board: CalibrationBoard) -> NDArray[np.float32]:
-    """Return one view's corners as OpenCV wants them."""
-    count = len(board.corners)
-    if corners.shape != (count, 2) or not np.isfinite(corners).all():
-        raise InvalidValueError("shape of a view's corners", corners.shape, f"({count}, 2), finite pixels")
-    return corners.astype(np.float32)

@@ -1,5 +1,9 @@
 """The joint adjustment of two cameras, on corners in closed form."""
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -98,6 +102,40 @@ def test_own_views_must_be_those_of_the_camera():
     seen = views(scope, board_poses(6, 1))
     with pytest.raises(InvalidValueError, match="own views is 6; allowed: 5"):
         calibrate_jointly(seen, seen, seen, BOARD, scope=scope, reference=reference)
+
+
+def test_views_must_come_in_pairs_and_show_all_corners():
+    scope, reference = camera(SCOPE), camera(REFERENCE)
+    seen = views(scope, board_poses(5, 1))
+    with pytest.raises(InvalidValueError, match="reference camera's views is 4; allowed: 5"):
+        calibrate_jointly(seen, seen, seen[:4], BOARD, scope=scope, reference=reference)
+    with pytest.raises(InvalidValueError, match=r"\(41, 2\); allowed: \(42, 2\)"):
+        calibrate_jointly(seen, seen, [*seen[:4], seen[4][1:]], BOARD, scope=scope, reference=reference)
+
+
+_SCRIPT = """
+import hashlib, sys
+from importlib.util import module_from_spec, spec_from_file_location
+spec = spec_from_file_location("views", sys.argv[1])
+views = module_from_spec(spec)
+spec.loader.exec_module(views)
+digest = hashlib.sha256()
+for seed in range(3):
+    stereo = views.calibrate(0.055, seed=seed)[0].stereo
+    digest.update(repr((stereo.scope.intrinsics, stereo.scope.distortion)).encode())
+    digest.update(stereo.scope_from_reference.tobytes() + stereo.scope.camera_from_board.tobytes())
+print(digest.hexdigest())
+"""
+
+
+def test_same_views_give_the_same_bits_in_every_process_on_any_number_of_threads():
+    found = set()
+    for threads in ("1", "2", "2"):
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads}
+        command = [sys.executable, "-c", _SCRIPT, __file__]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)  # noqa: S603 - our own script
+        found.add(done.stdout)
+    assert len(found) == 1
 
 
 def test_a_board_is_placed_where_it_is():
