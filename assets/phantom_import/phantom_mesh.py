@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.assets.self_intersection import crossing_triangles
-from laploop.assets.solid_store import Solid, stored_solid
+from laploop.assets.phantom_import.self_intersection import crossing_triangles
+from laploop.assets.phantom_import.solid_store import Solid, stored_solid
 from laploop.assets.tissue_mesh import TissueMesh, solid_from_tetrahedra
 from laploop.errors import InvalidValueError, check_file
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from laploop.assets import phantom_mesh
-from laploop.assets.phantom_mesh import checked_surface, load_phantom
-from laploop.assets.self_intersection import crossing_triangles
-from laploop.assets.solid_store import cache_folder
+from laploop.assets.phantom_import import phantom_mesh
+from laploop.assets.phantom_import.phantom_mesh import checked_surface, load_phantom
+from laploop.assets.phantom_import.self_intersection import crossing_triangles
+from laploop.assets.phantom_import.solid_store import cache_folder
 from laploop.assets.tissue_mesh import mean_top_height, solid_from_tetrahedra
 from laploop.errors import InvalidValueError, MissingFileError
 
