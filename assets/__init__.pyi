@@ -6,7 +6,7 @@ from .mask_fabrication import fabricated as fabricated
 from .operating_table import build_operating_table as build_operating_table
 from .operating_table import build_stage as build_stage
 from .phantom import build_phantom as build_phantom
-from .phantom_mesh import load_phantom as load_phantom
+from .phantom_import.phantom_mesh import load_phantom as load_phantom
 from .scope_optics import ScopeOptics as ScopeOptics
 from .shafts import INSTRUMENT as INSTRUMENT
 from .shafts import LAPAROSCOPE as LAPAROSCOPE

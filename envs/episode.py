@@ -9,7 +9,7 @@ from typing import Any, cast, get_args
 
 import numpy as np
 
-from laploop.assets.phantom_mesh import load_phantom
+from laploop.assets.phantom_import.phantom_mesh import load_phantom
 from laploop.assets.tissue_config import TissueConfig
 from laploop.control.controllers.registry import make_controller
 from laploop.control.messages import TipController

@@ -1,6 +1,5 @@
 """The laparoscope's camera and projector channel, ray cast."""
 
-from collections.abc import Collection
 from dataclasses import replace
 from typing import Any
 
@@ -10,18 +9,13 @@ import warp as wp
 from numpy.typing import NDArray
 from scipy.special import ive
 
-from laploop.assets.tissue_appearance import TissueAppearance
 from laploop.envs.sensors.kernels import shading_kernels
 from laploop.envs.sensors.optics.lens_distortion import distorted_rays
 from laploop.envs.sensors.optics.mask_stack import MaskStack
 from laploop.envs.sensors.optics.mask_table import FINE_COLUMNS, MaskTable
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
-from laploop.envs.sensors.stripe_capture import ExactView, StripeCapture
-from laploop.envs.sensors.tracing.ray_scene import RayScene, open_device
-from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
-from laploop.envs.sensors.tracing.strip_runner import StripRunner
-from laploop.envs.sensors.tracing.view_tracer import ViewTracer
-from laploop.errors import InvalidValueError
+from laploop.envs.sensors.ray_camera import RayCamera
+from laploop.envs.sensors.stripe_capture import StripeCapture
 from laploop.perception.geometry import Rig
 from laploop.perception.reprojection import BrownDistortion
 
@@ -29,12 +23,11 @@ _NARROWEST_SPREAD_PX = 0.01
 _LEAST_WEIGHT = 1e-7
 
 
-class StripeCamera:
+class StripeCamera(RayCamera):
     """Renders what the camera channel sees of a scene that the projector channel lights through its mask.
 
-    One ray a pixel, through its centre, finds the surface; its way back to the projector's centre tells whether light gets
-    there; a radiometric model (`StripeOptics`) makes electrons and grey values of it. Buffers are allocated once; what is
-    returned is the caller's own.
+    One ray a pixel, through its centre, finds the surface; a ray from there to the projector's centre finds shadows; a
+    radiometric model (`StripeOptics`) makes electrons and grey values.
     """
 
     def __init__(
@@ -46,24 +39,20 @@ class StripeCamera:
         *,
         mask_columns: int = FINE_COLUMNS,
     ) -> None:
-        """Prepare the buffers and compile the kernels; `attach` a scene before the first image.
+        """Allocate the buffers and compile the kernels; `attach` a scene before the first image.
 
         Args:
             rig: Geometry of camera, projector and mask.
-            optics: The optical model; the nominal one by default.
-            device: A Warp device: "cpu", "cuda", "cuda:0", ...
-            threads: How many threads share an image on the CPU; by default two where there are two cores.
-            mask_columns: Of the mask's table, see `MaskTable.from_mask`; fewer make a camera with a new mask sooner.
+            optics: The optical model; by default the nominal one.
+            device: See `RayCamera`.
+            threads: See `RayCamera`.
+            mask_columns: Columns of the mask's table, see `MaskTable.from_mask`; fewer make a camera with a new mask sooner.
 
         Raises:
-            InvalidValueError: If the device, the number of threads or the number of columns is impossible, or the lens shows
-                nothing at some pixel.
+            InvalidValueError: If the number of columns is not from 257 to 16385, or the lens shows nothing at some pixel;
+                further errors as for `RayCamera`.
         """
-        self.rig = rig
-        self._device = open_device(device)
-        self._runner = StripRunner(self._device, threads)
-        self._tracer = ViewTracer(rig, self._device, self._runner)
-        self._scene: RayScene | None = None
+        super().__init__(rig, device, threads)
         self._shape = (rig.camera.height, rig.camera.width)
         count = rig.camera.height * rig.camera.width
         self._noise: Any = wp.zeros(count, dtype=wp.float32, device=self._device)
@@ -71,10 +60,14 @@ class StripeCamera:
         self._half_spread: Any = wp.zeros(count, dtype=wp.float32, device=self._device)
         self._spread: Any = wp.zeros(count, dtype=wp.float32, device=self._device)
         self._image: Any = wp.zeros(count, dtype=wp.uint16, device=self._device)
-        self._mask_table = (
-            MaskStack.from_mask(rig.mask) if rig.mask.varies_along_y else MaskTable.from_mask(rig.mask, mask_columns)
-        )
-        self._transmission: Any = wp.array(self._mask_table.transmission, dtype=wp.float32, device=self._device)
+        self._table: Any = wp.zeros((0, 0), dtype=wp.float32, device=self._device)
+        self._stack: Any = wp.zeros((0, 0, 0), dtype=wp.float32, device=self._device)
+        if rig.mask.varies_along_y:
+            self._mask: MaskTable | MaskStack = MaskStack.from_mask(rig.mask)
+            self._stack = wp.array(self._mask.transmission, dtype=wp.float32, device=self._device)
+        else:
+            self._mask = MaskTable.from_mask(rig.mask, mask_columns)
+            self._table = wp.array(self._mask.transmission, dtype=wp.float32, device=self._device)
         self._distortion = BrownDistortion()
         self.set_optics(optics or StripeOptics())
 
@@ -84,7 +77,7 @@ class StripeCamera:
         return self._optics
 
     def set_optics(self, optics: StripeOptics) -> None:
-        """Change the optical model; cheap enough to do before every image.
+        """Change the optical model; cheap enough to call before every image.
 
         Raises:
             InvalidValueError: If the lens distorts so that it shows nothing at some pixel.
@@ -97,9 +90,8 @@ class StripeCamera:
         tracer = self._tracer
         inputs = [tracer.rays, tracer.depth, tracer.normals, tracer.projector, tracer.flags, tracer.object_id]
         sensor = self._sensor()
-        inputs += [tracer.albedo_factor, materials, self._transmission, self._projection(), sensor, self._noise]
-        shade = shading_kernels.shade_picture if self.rig.mask.varies_along_y else shading_kernels.shade
-        self._shade = tracer.record(shade, inputs, [self._electrons, self._image])
+        inputs += [tracer.albedo_factor, materials, self._table, self._stack, self._projection(), sensor, self._noise]
+        self._shade = tracer.record(shading_kernels.shade, inputs, [self._electrons, self._image])
         self._spreading: list[list[Any]] = []
         self._seen = self._electrons
         if optics.lens_blur_edges and optics.lens_blur_px >= _NARROWEST_SPREAD_PX:
@@ -108,45 +100,27 @@ class StripeCamera:
             inputs = [self._spread, sensor, self._noise]
             self._spreading.append(tracer.record(shading_kernels.digitise, inputs, [self._image]))
 
-    def attach(
-        self,
-        model: mujoco.MjModel,
-        *,
-        groups: Collection[int] = (1,),
-        rng: np.random.Generator | None = None,
-        appearance: TissueAppearance | None = None,
-    ) -> SceneGeometry:
-        """Look at the given geom and flex groups of a model from now on; see `SceneGeometry.from_model`."""
-        geometry = SceneGeometry.from_model(model, groups=groups, rng=rng, appearance=appearance)
-        self.attach_geometry(geometry)
-        return geometry
-
-    def attach_geometry(self, geometry: SceneGeometry) -> None:
-        """Look at a scene of triangles from now on."""
-        self._scene = RayScene(geometry, self._device)
-        self._tracer.attach(self._scene)
-
     def capture(
         self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64], rng: np.random.Generator | None
     ) -> StripeCapture:
         """Take an image of the scene as it is now.
 
         Args:
-            data: State of the attached model, its kinematics current; None leaves the scene's points where they are.
-            world_from_camera: 4x4, computer-vision camera. The projector follows from the rig.
+            data: See `exact`.
+            world_from_camera: See `exact`.
             rng: Source of the shot and read noise; None takes the expected image.
 
         Raises:
             InvalidValueError: If no scene is attached or the pose is not a rigid transform.
         """
-        self._prepare(data, world_from_camera)
+        self._find_surfaces(data, world_from_camera)
         if rng is None:
             self._noise.zero_()
         else:
             self._noise.assign(rng.standard_normal(self._noise.size, dtype=np.float32))
         self._runner.run(self._tracer.trace, self._shade)
         for stage in self._spreading:
-            # Each needs all of the one before it, its neighbours' strips too.
+            # Each needs the whole result of the one before.
             self._runner.run(stage)
         view = self._tracer.read()
         image = self._image.numpy().reshape(self._shape).astype(np.uint8 if self._optics.bits == 8 else np.uint16)
@@ -156,27 +130,11 @@ class StripeCamera:
             self.set_optics(replace(self._optics, exposure_s=exposure_s))
         return StripeCapture(**vars(view), image=image, electrons=electrons)
 
-    def exact(self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64]) -> ExactView:
-        """Return only what geometry says, without an image; arguments and errors as for `capture`."""
-        self._prepare(data, world_from_camera)
-        self._runner.run(self._tracer.trace)
-        return self._tracer.read()
-
-    def _prepare(self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64]) -> None:
-        """Bring the scene and the camera's pose to the device and find what is seen."""
-        if self._scene is None:
-            raise InvalidValueError("scene", None, "a scene that was attached before the first image")
-        self._tracer.place(world_from_camera)
-        if data is not None:
-            self._scene.geometry.update(data)
-        self._scene.update()
-        self._tracer.find_surfaces()
-
     def _record_spreading(self, sigma_px: float) -> list[list[Any]]:
         """Record the lens's point spread on the electrons, along x and then along y.
 
-        The filter is the discrete Gaussian exp(-s²) I_k(s²) of Lindeberg (1990): its variance is that of the Gaussian however
-        narrow it is, and its weights add up to one.
+        The filter is the discrete Gaussian exp(-s²) I_k(s²) of Lindeberg (1990): it has the Gaussian's variance at any width,
+        and its weights add up to one.
         """
         weights = ive(np.arange(int(4.0 + 8.0 * sigma_px)), sigma_px**2)
         weights = weights[weights > _LEAST_WEIGHT]
@@ -189,8 +147,8 @@ class StripeCamera:
         ]
 
     def _projection(self) -> Any:
-        """Gather the projector's numbers for the kernels."""
-        optics, mask, table = self._optics, self.rig.mask, self._mask_table
+        """Pack the projector's numbers for the kernels."""
+        optics, mask, table = self._optics, self.rig.mask, self._mask
         projector_from_camera = self.rig.projector_from_camera
         projection = shading_kernels.Projection()
         projection.rotation = wp.mat33(*projector_from_camera[:3, :3].ravel())
@@ -208,7 +166,7 @@ class StripeCamera:
         return projection
 
     def _sensor(self) -> Any:
-        """Gather the lens's and the sensor's numbers for the kernels."""
+        """Pack the lens's and the sensor's numbers for the kernels."""
         optics = self._optics
         sensor = shading_kernels.Sensor()
         sensor.electrons_per_radiance = optics.electrons_per_radiance

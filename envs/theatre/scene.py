@@ -11,7 +11,7 @@ from laploop.assets.instrument import build_instrument
 from laploop.assets.laparoscope import SHAFT_TIP, build_laparoscope
 from laploop.assets.operating_table import STAGE_PLATE_THICKNESS_M, build_operating_table, build_stage
 from laploop.assets.phantom import TISSUE, build_phantom
-from laploop.assets.phantom_mesh import load_phantom
+from laploop.assets.phantom_import.phantom_mesh import load_phantom
 from laploop.assets.shafts import INSTRUMENT, LAPAROSCOPE
 from laploop.assets.tissue_config import TissueConfig
 from laploop.assets.tissue_mesh import TissueMesh, mean_top_height, solid_mesh

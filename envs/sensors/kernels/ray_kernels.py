@@ -1,6 +1,6 @@
 """Warp kernels that follow rays and light through a scene; the same code runs on CPU and CUDA.
 
-All of them are told where to begin (`first`), so that several threads can share an image. Frames: w is the world, c the
+Launches over pixels begin at pixel `first`, so that several threads can share an image. Frames: w is the world, c the
 computer-vision camera, p the projector.
 """
 
@@ -61,7 +61,7 @@ def _in_shadow(
     view: View,
     keys: wp.array(dtype=wp.uint64),
 ):
-    """Tell whether something stands between the projector's centre and a point; point and facet's normal in its frame.
+    """Return whether something blocks the light to a point; point and facet's normal in the projector's frame.
 
     The projector's depth map answers where its four pixels around the point agree, against the plane of the facet; near the
     edges of shadows, and where the map is too coarse, a ray decides.
@@ -117,7 +117,7 @@ def trace(
     object_id: wp.array(dtype=wp.uint8),
     factor: wp.array(dtype=wp.float32),
 ):
-    """Say all about the point that the ray through each pixel's centre hits.
+    """Compute depth, normal, projector coordinates, shadow, class and albedo of the point behind each pixel's centre.
 
     `pose` holds the camera's centre, its three axes and the projector's centre, in the world; `vertices` are in the camera's
     frame, `normals` in the world.
@@ -184,7 +184,7 @@ def trace_keys(
     corners: wp.array(dtype=wp.int32),
     keys: wp.array(dtype=wp.uint64),
 ):
-    """Find the nearest triangle along each ray in the tree, whatever lens the rays are of; keys are those of `rasterise`.
+    """Find the nearest triangle along each ray, of any lens, in the tree; keys are those of `rasterise`.
 
     `vertices` are in the camera's frame.
     """

@@ -1,6 +1,6 @@
 """Warp kernels of the stripe camera that turn geometry into electrons and grey values; the same code runs on CPU and CUDA.
 
-All of them are told where to begin (`first`), so that several threads can share an image.
+Each launch begins at pixel `first`, so that several threads can share an image.
 """
 
 # mypy: ignore-errors
@@ -52,7 +52,7 @@ class Sensor:
 
 @wp.func
 def _look_up(table: wp.array2d(dtype=wp.float32), column: float, level: float):
-    """Interpolate the table linearly in both directions; outside of it its border goes on."""
+    """Interpolate the table linearly in both directions, clamped to its border."""
     x = wp.clamp(column, 0.0, float(table.shape[1]) - 1.001)
     y = wp.clamp(level, 0.0, float(table.shape[0]) - 1.001)
     i = int(x)
@@ -65,7 +65,7 @@ def _look_up(table: wp.array2d(dtype=wp.float32), column: float, level: float):
 
 @wp.func
 def _look_up_stack(stack: wp.array3d(dtype=wp.float32), column: float, row: float, level: float):
-    """Interpolate the stack linearly in its three directions; outside of it its border goes on."""
+    """Interpolate the stack linearly in its three directions, clamped to its border."""
     x = wp.clamp(column, 0.0, float(stack.shape[2]) - 1.001)
     y = wp.clamp(row, 0.0, float(stack.shape[1]) - 1.001)
     z = wp.clamp(level, 0.0, float(stack.shape[0]) - 1.001)
@@ -86,7 +86,7 @@ def _look_up_stack(stack: wp.array3d(dtype=wp.float32), column: float, row: floa
 
 @wp.func
 def _field_edge(y: float, half: float, sigma: float):
-    """Transmission of the mask's lower and upper border, blurred; its left and right ones are in the table."""
+    """Transmission at the mask's lower and upper border, blurred; the left and right borders are in the table."""
     inside = half - wp.abs(y)
     if inside > 4.0 * sigma:
         return 1.0
@@ -122,6 +122,26 @@ def _blur(projection: Projection, point: wp.vec3, subsurface: float):
 
 
 @wp.func
+def _transmission(
+    table: wp.array2d(dtype=wp.float32),
+    stack: wp.array3d(dtype=wp.float32),
+    projection: Projection,
+    tangent: wp.vec2,
+    sigma: float,
+):
+    """Transmission of the mask at a tangent coordinate of the projector, blurred by sigma.
+
+    From the stack unless it is empty: it is for masks that vary along both axes, and includes all four borders.
+    """
+    column = (tangent[0] - projection.table_start) / projection.table_step
+    level = sigma / projection.table_sigma_step
+    if stack.shape[0] > 0:
+        row = (tangent[1] - projection.table_start) / projection.table_step
+        return _look_up_stack(stack, column, row, level)
+    return _look_up(table, column, level) * _field_edge(tangent[1], projection.half_height, sigma)
+
+
+@wp.func
 def _expected_electrons(
     ray: wp.vec3,
     point: wp.vec3,
@@ -132,7 +152,7 @@ def _expected_electrons(
     projection: Projection,
     sensor: Sensor,
 ):
-    """Photo-electrons of a pixel that sees a point, which gets the share `light` of what a clear mask would let through."""
+    """Photo-electrons of a pixel that sees a point, which gets the fraction `light` of what a clear mask would transmit."""
     in_projector = projection.rotation * point + projection.offset
     distance2 = wp.dot(in_projector, in_projector)
     cosine_p = in_projector[2] / wp.sqrt(distance2)
@@ -179,6 +199,7 @@ def shade(
     factor: wp.array(dtype=wp.float32),
     materials: wp.array(dtype=wp.vec4),
     table: wp.array2d(dtype=wp.float32),
+    stack: wp.array3d(dtype=wp.float32),
     projection: Projection,
     sensor: Sensor,
     noise: wp.array(dtype=wp.float32),
@@ -194,48 +215,7 @@ def shade(
         material = materials[int(object_id[i])]
         light = float(0.0)
         if (flags[i] & _LINE_OF_SIGHT) != wp.uint8(0):
-            sigma = _blur(projection, point, material[3])
-            tangent = projector[i]
-            column = (tangent[0] - projection.table_start) / projection.table_step
-            light = _look_up(table, column, sigma / projection.table_sigma_step)
-            light *= _field_edge(tangent[1], projection.half_height, sigma)
-        mean = _expected_electrons(ray, point, normal_in_camera[i], material, factor[i], light, projection, sensor)
-    electrons[i] = mean
-    image[i] = wp.uint16(_grey(mean, noise[i], sensor))
-
-
-@wp.kernel
-def shade_picture(
-    first: int,
-    rays: wp.array(dtype=wp.vec2),
-    depth: wp.array(dtype=wp.float32),
-    normal_in_camera: wp.array(dtype=wp.vec3),
-    projector: wp.array(dtype=wp.vec2),
-    flags: wp.array(dtype=wp.uint8),
-    object_id: wp.array(dtype=wp.uint8),
-    factor: wp.array(dtype=wp.float32),
-    materials: wp.array(dtype=wp.vec4),
-    stack: wp.array3d(dtype=wp.float32),
-    projection: Projection,
-    sensor: Sensor,
-    noise: wp.array(dtype=wp.float32),
-    electrons: wp.array(dtype=wp.float32),
-    image: wp.array(dtype=wp.uint16),
-):
-    """Do what `shade` does for a mask that varies along both axes; its borders are in the stack."""
-    i = first + wp.tid()
-    mean = float(0.0)
-    if object_id[i] != wp.uint8(0):
-        ray = wp.vec3(rays[i][0], rays[i][1], 1.0)
-        point = depth[i] * ray
-        material = materials[int(object_id[i])]
-        light = float(0.0)
-        if (flags[i] & _LINE_OF_SIGHT) != wp.uint8(0):
-            sigma = _blur(projection, point, material[3])
-            tangent = projector[i]
-            column = (tangent[0] - projection.table_start) / projection.table_step
-            row = (tangent[1] - projection.table_start) / projection.table_step
-            light = _look_up_stack(stack, column, row, sigma / projection.table_sigma_step)
+            light = _transmission(table, stack, projection, projector[i], _blur(projection, point, material[3]))
         mean = _expected_electrons(ray, point, normal_in_camera[i], material, factor[i], light, projection, sensor)
     electrons[i] = mean
     image[i] = wp.uint16(_grey(mean, noise[i], sensor))

@@ -1,80 +1,42 @@
-"""The reference camera of the bench: a structured-light depth camera that looks at the phantom from the side."""
+"""The reference camera of the optical bench: a structured-light depth camera that views the phantom from the side."""
 
 import math
-from collections.abc import Collection
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from laploop.assets.tissue_appearance import TissueAppearance
+from laploop.envs.sensors.ray_camera import RayCamera
 from laploop.envs.sensors.reference.capture import ReferenceCapture
 from laploop.envs.sensors.reference.noise import ReferenceNoise
 from laploop.envs.sensors.reference.optics import ReferenceOptics
 from laploop.envs.sensors.reference.shading import ReferenceLight, light_of, srgb
 from laploop.envs.sensors.stripe_capture import ExactView
-from laploop.envs.sensors.tracing.ray_scene import RayScene, open_device
-from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
-from laploop.envs.sensors.tracing.strip_runner import StripRunner
-from laploop.envs.sensors.tracing.view_tracer import ViewTracer
 from laploop.errors import InvalidValueError
-from laploop.perception.geometry import Intrinsics
 
 Float32 = NDArray[np.float32]
 
 
-class ReferenceCamera:
+class ReferenceCamera(RayCamera):
     """A Zivid 2+ M60: measures a point for each pixel that both its camera and its projector see.
 
-    One ray a pixel finds the surface, its way back to the projector the shadows; errors and gaps follow `ReferenceOptics`.
-    Buffers are allocated once; what is returned is the caller's own.
+    Errors and gaps follow `ReferenceOptics`. In what `exact` returns, `lit` is True inside the square around the projector's
+    field, which is a little higher than the field itself.
     """
 
     def __init__(self, optics: ReferenceOptics | None = None, device: str = "cpu", threads: int | None = None) -> None:
-        """Prepare the buffers and compile the kernels; `attach` a scene before the first capture.
+        """Allocate the buffers and compile the kernels; `attach` a scene before the first capture.
 
         Args:
-            optics: Geometry and errors; the nominal ones, at 2x2 sampling, by default.
-            device: A Warp device: "cpu", "cuda", "cuda:0", ...
-            threads: How many threads share an image on the CPU; by default two where there are two cores.
-
-        Raises:
-            InvalidValueError: If the device or the number of threads is impossible.
+            optics: Geometry and errors; by default the nominal ones, at 2x2 sampling.
+            device: See `RayCamera`.
+            threads: See `RayCamera`.
         """
         self.optics = optics or ReferenceOptics()
+        super().__init__(self.optics.rig, device, threads)
         self.noise = ReferenceNoise(self.optics)
-        self._device = open_device(device)
-        self._runner = StripRunner(self._device, threads)
-        self._tracer = ViewTracer(self.optics.rig, self._device, self._runner)
-        self._scene: RayScene | None = None
         self._rays: Float32 = self.intrinsics.rays.reshape(-1, 3).astype(np.float32)
-
-    @property
-    def intrinsics(self) -> Intrinsics:
-        """Of the camera at its sampling."""
-        return self.optics.intrinsics
-
-    def attach(
-        self,
-        model: mujoco.MjModel,
-        *,
-        groups: Collection[int] = (1,),
-        rng: np.random.Generator | None = None,
-        appearance: TissueAppearance | None = None,
-    ) -> SceneGeometry:
-        """Look at the given geom and flex groups of a model from now on; see `SceneGeometry.from_model`.
-
-        The default leaves arms and abdominal wall out, as on a bench.
-        """
-        geometry = SceneGeometry.from_model(model, groups=groups, rng=rng, appearance=appearance)
-        self.attach_geometry(geometry)
-        return geometry
-
-    def attach_geometry(self, geometry: SceneGeometry) -> None:
-        """Look at a scene of triangles from now on."""
-        self._scene = RayScene(geometry, self._device)
-        self._tracer.attach(self._scene)
 
     def capture(
         self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64], rng: np.random.Generator | None
@@ -82,8 +44,8 @@ class ReferenceCamera:
         """Measure the scene as it is now.
 
         Args:
-            data: State of the attached model, its kinematics current; None leaves the scene's points where they are.
-            world_from_camera: 4x4, computer-vision camera. The projector follows from the optics.
+            data: See `exact`.
+            world_from_camera: See `exact`.
             rng: Source of the noise of points, normals and picture; None leaves it out, but not the camera's scale and bend.
 
         Raises:
@@ -116,23 +78,8 @@ class ReferenceCamera:
             snr=_scatter(relative_snr[found] * np.float32(optics.snr_reference), kept, shape),
         )
 
-    def exact(self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64]) -> ExactView:
-        """Return only what geometry says, without errors, range or signal; arguments and errors as for `capture`.
-
-        `lit` is True inside the square around the projector's field, which is a little higher than the field itself.
-        """
-        if self._scene is None:
-            raise InvalidValueError("scene", None, "a scene that was attached before the first capture")
-        self._tracer.place(world_from_camera)
-        if data is not None:
-            self._scene.geometry.update(data)
-        self._scene.update()
-        self._tracer.find_surfaces()
-        self._runner.run(self._tracer.trace)
-        return self._tracer.read()
-
     def _in_field(self, view: ExactView) -> NDArray[np.bool_]:
-        """Tell where the projector's light arrives, (height, width)."""
+        """Return where the projector's light arrives, (height, width)."""
         optics = self.optics
         inside = np.abs(view.projector_x) <= optics.projector_half_width_tan
         inside &= np.abs(view.projector_y) <= optics.projector_half_height_tan

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from laploop.assets.phantom_mesh import load_phantom
+from laploop.assets.phantom_import.phantom_mesh import load_phantom
 from laploop.assets.tissue_config import TissueConfig, TissueShape
 from laploop.assets.tissue_mesh import mean_top_height, solid_from_tetrahedra, solid_mesh
 from laploop.assets.tissue_shape import height_field

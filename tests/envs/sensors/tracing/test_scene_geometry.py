@@ -5,7 +5,8 @@ import pytest
 from laploop.assets.tissue_appearance import TissueAppearance
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.tracing import primitives
-from laploop.envs.sensors.tracing.ray_scene import RayScene, open_device
+from laploop.envs.sensors.tracing.device import open_device
+from laploop.envs.sensors.tracing.ray_scene import RayScene
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.errors import InvalidValueError
 

@@ -7,7 +7,7 @@ from laploop.envs.sensors.kernels import ray_kernels, shading_kernels, zbuffer_k
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
-from laploop.errors import InvalidValueError
+from laploop.errors import InvalidValueError, UnknownNameError
 
 AT_ORIGIN = np.eye(4)
 DEPTH_MM = 0.01  # what is promised; float32 at 0.1 m leaves about 0.00002 mm
@@ -268,7 +268,7 @@ def test_kernels_compile_for_cuda(tmp_path):
 
 
 def test_bad_input_is_refused(rig, make_plane):
-    with pytest.raises(InvalidValueError, match="device is 'abacus'"):
+    with pytest.raises(UnknownNameError, match="device 'abacus'"):
         StripeCamera(rig, device="abacus")
     with pytest.raises(InvalidValueError, match="threads is 0"):
         StripeCamera(rig, threads=0)

@@ -1,4 +1,4 @@
-"""Does a triangle mesh pass through itself? Sweep along x for candidates, separating axes for the decision."""
+"""Whether a triangle mesh intersects itself: a sweep along x finds candidates, separating axes decide."""
 
 from collections.abc import Iterator
 
@@ -10,21 +10,21 @@ Pairs = NDArray[np.intp]
 
 _PAIRS_AT_ONCE = 2_000_000
 _SHRINK = 0.01
-"""Corners that two triangles have in common move so far towards the middle of each, so that only neighbours that fold onto
-each other or cross still meet."""
+"""Fraction by which shared corners of two triangles move towards the centroid of each, so that neighbours meet only where
+they fold onto each other or cross."""
 _DEGENERATE = 1e-6
 """Sine of the angle below which two directions count as parallel."""
 
 
 def crossing_triangles(points: Array, triangles: NDArray[np.integer], *, tolerance: float) -> tuple[int, int] | None:
-    """Return the rows of two triangles that cross, or overlap in one plane, and None where there are none.
+    """Return the rows of two triangles that cross or overlap in one plane, or None.
 
-    Triangles that merely touch do not cross. Those thinner than the tolerance are passed over: they enclose nothing.
+    Triangles that merely touch do not cross. Those thinner than the tolerance are skipped: they enclose nothing.
 
     Args:
         points: (n, 3).
         triangles: (m, 3), rows of `points`; neighbours share their corners.
-        tolerance: How deep, in the unit of the points, triangles must reach into each other to count.
+        tolerance: Depth, in the unit of the points, from which overlapping triangles count.
     """
     rows = _proper(points[triangles], tolerance)
     corners = points[triangles[rows]]
@@ -63,7 +63,7 @@ def _candidates(corners: Array) -> Iterator[tuple[Pairs, Pairs]]:
 
 
 def _apart(corners: Array, triangles: NDArray[np.integer], first: Pairs, second: Pairs) -> tuple[Array, Array]:
-    """Return the corners of both triangles of each pair, (k, 3, 3), those in common drawn towards each one's middle."""
+    """Return the corners of both triangles of each pair, (k, 3, 3), shared ones moved towards each centroid."""
     same = triangles[first][:, :, None] == triangles[second][:, None, :]
     result = []
     for rows, common in ((first, same.any(axis=2)), (second, same.any(axis=1))):

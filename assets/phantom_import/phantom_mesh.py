@@ -1,9 +1,9 @@
 """A user's own closed surface as the phantom: read, checked, filled with tetrahedra.
 
-The file holds millimetres, z up; it is centred in x and y and its lowest point is set on the plate. Reading is trimesh's
-work (MIT), filling fTetWild's (Hu et al., ACM Trans. Graph. 39(4), 2020) through pytetwild (MPL-2.0, hence an extra that
-nobody has to install): unlike the AGPL's and GPL's meshers it may stand beside an Apache-2.0 project, and it makes a surface
-of even resolution of whatever triangles it is given, within a thousandth of the body's diagonal.
+The file holds millimetres, z up; the surface is centred in x and y and its lowest point is set on the plate. trimesh (MIT)
+reads it. fTetWild (Hu et al., ACM Trans. Graph. 39(4), 2020) fills it through pytetwild (MPL-2.0, an optional extra): unlike
+meshers under AGPL or GPL its licence fits an Apache-2.0 project, and it remeshes any triangles to an even resolution, within
+a thousandth of the body's diagonal.
 """
 
 import functools
@@ -11,6 +11,7 @@ import json
 import subprocess
 import sys
 import tempfile
+import warnings
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.assets.self_intersection import crossing_triangles
-from laploop.assets.solid_store import Solid, stored_solid
+from laploop.assets.phantom_import.self_intersection import crossing_triangles
+from laploop.assets.phantom_import.solid_store import Solid, stored_solid
 from laploop.assets.tissue_mesh import TissueMesh, solid_from_tetrahedra
 from laploop.errors import InvalidValueError, check_file
 
@@ -28,19 +29,21 @@ Array = NDArray[np.float64]
 SUFFIXES = (".stl", ".obj", ".ply")
 MAX_TRIANGLES = 50_000
 WIDTH_RANGE_MM = (20.0, 200.0)
-"""Along x and y: wider than the view's middle, from which targets are drawn, or not wider than the plate."""
+"""Along x and y: at least the middle of the view, from which targets are drawn, at most the plate."""
 HEIGHT_RANGE_MM = (5.0, 80.0)
-"""Along z: the stage must stay above the table at the largest working distance that is drawn."""
+"""Along z: the stage must stay above the table at the largest working distance drawn."""
 
 _MAX_BYTES = 100 * 2**20
 _EDGE_FRACTION = 0.025
-"""Edges of the tetrahedra over the diagonal of the body's box: 4 mm for 110x110x28 mm, some 5 000 vertices."""
+"""Edges of the tetrahedra over the diagonal of the body's box: 4 mm for 110x110x28 mm, about 5 000 vertices."""
 _ENVELOPE_FRACTION = 1e-3
 """Largest distance of the new surface from the given one over that diagonal."""
 _STOP_ENERGY = 50.0
-"""Where fTetWild stops to improve: the lattice carries the mechanics, so the tetrahedra need not be nearly regular."""
+"""Energy at which fTetWild stops improving: the lattice carries the mechanics, so the tetrahedra may be irregular."""
 _FILLER = """
-import json, sys
+import ctypes, json, sys
+if sys.platform == "linux":
+    ctypes.CDLL(None).prctl(1, 9)  # killed when its parent ends
 import numpy as np, pytetwild
 surface = np.load("surface.npz")
 solid = pytetwild.tetrahedralize(surface["points"], surface["triangles"], num_threads=1, **json.loads(sys.argv[1]))
@@ -50,16 +53,16 @@ _CROSSING_TOLERANCE_MM = 1e-4
 
 
 def load_phantom(path: Path | str) -> TissueMesh:
-    """Read a closed surface and make it a solid; on one machine, equal files make equal solids (`solid_store`).
+    """Read a closed surface and fill it; on one machine, equal files make equal solids (`solid_store`).
 
     Args:
         path: A `.stl`, `.obj` or `.ply` file in millimetres, z up.
 
     Raises:
         MissingFileError: If there is no such file.
-        InvalidValueError: If it cannot be read, or is not one closed, oriented surface without self-intersections, of at most
-            `MAX_TRIANGLES` triangles and of a size within `WIDTH_RANGE_MM` and `HEIGHT_RANGE_MM`; or if the extra `mesh`
-            is not installed.
+        InvalidValueError: If it cannot be read, is not one closed, oriented surface without self-intersections, has more than
+            `MAX_TRIANGLES` triangles, or is not of a size within `WIDTH_RANGE_MM` and `HEIGHT_RANGE_MM`; or if the extra
+            `mesh` is not installed.
     """
     found = _existing(path).resolve()
     stat = found.stat()
@@ -68,7 +71,7 @@ def load_phantom(path: Path | str) -> TissueMesh:
 
 @functools.lru_cache(maxsize=4)
 def _loaded(path: Path, _stamp: tuple[int, int]) -> TissueMesh:
-    """Load a phantom once as long as its file does not change: every reset of an environment asks for it."""
+    """Load a phantom once while its file does not change: every reset of an environment needs it."""
     points, triangles = checked_surface(path)
     settings: dict[str, Any] = {"edge_length_fac": _EDGE_FRACTION, "epsilon": _ENVELOPE_FRACTION, "stop_energy": _STOP_ENERGY}
     recipe = f"pytetwild {version('pytetwild')} {settings}"
@@ -79,8 +82,8 @@ def _loaded(path: Path, _stamp: tuple[int, int]) -> TissueMesh:
 def _fill(path: Path, points: Array, triangles: NDArray[np.int32], settings: dict[str, Any]) -> Solid:
     """Fill a checked surface with tetrahedra; all in millimetres.
 
-    A process of its own does it, in a folder of its own: fTetWild leaves a file in the folder where it runs, and a body that
-    it cannot digest may end its process.
+    It runs in a process and a folder of its own: fTetWild leaves a file in its working folder, and may crash on a body that
+    it cannot mesh.
     """
     with tempfile.TemporaryDirectory() as folder:
         np.savez(Path(folder) / "surface.npz", points=points, triangles=triangles)
@@ -112,7 +115,7 @@ def checked_surface(path: Path) -> tuple[Array, NDArray[np.int32]]:
     """
     surface = _read(_existing(path))
     name = f"phantom {path.name}"
-    points, triangles = np.asarray(surface.vertices, dtype=np.float64), np.asarray(surface.faces, dtype=np.int32)
+    points, triangles = np.array(surface.vertices, dtype=np.float64), np.array(surface.faces, dtype=np.int32)
     _check_size(name, points, triangles)
     _check_closed(name, surface)
     crossing = crossing_triangles(points, triangles, tolerance=_CROSSING_TOLERANCE_MM)
@@ -132,20 +135,23 @@ def _existing(path: Path | str) -> Path:
 
 def _read(path: Path) -> Any:
     try:
-        import pytetwild  # noqa: F401  the second half of the extra; better missed before a long check than after
+        import pytetwild  # noqa: F401  needed later; if missing, better said before the long checks
         import trimesh
     except ImportError as error:
         raise InvalidValueError(
-            "phantom", str(path), f"None, as package {error.name!r} is missing; install it with: pip install 'laploop[mesh]'"
+            "phantom", str(path), f"none, as package {error.name!r} is missing; install it with: pip install 'laploop[mesh]'"
         ) from error
     if path.stat().st_size > _MAX_BYTES:
-        raise InvalidValueError(f"length of {path}", f"{path.stat().st_size} bytes", f"at most {_MAX_BYTES}")
+        raise InvalidValueError(f"size of {path}", f"{path.stat().st_size} bytes", f"at most {_MAX_BYTES}")
     try:
-        surface = trimesh.load_mesh(path, process=True)
-        surface.merge_vertices(merge_tex=True, merge_norm=True)
-        surface.faces  # noqa: B018  a cloud of points has none, and should fail here
+        with warnings.catch_warnings():
+            # Of numbers that overflow, in files that are refused in any case.
+            warnings.simplefilter("ignore", RuntimeWarning)
+            surface = trimesh.load_mesh(path, process=True)
+            surface.merge_vertices(merge_tex=True, merge_norm=True)
+            surface.faces  # noqa: B018  a cloud of points has none, and should fail here
     except Exception as error:
-        # Parsers of strangers' files raise whatever they like.
+        # Parsers raise errors of any kind.
         reason = f"{type(error).__name__}: {error}"
         raise InvalidValueError(f"phantom {path.name}", reason, f"a readable triangle mesh ({', '.join(SUFFIXES)})") from error
     return surface
@@ -153,7 +159,8 @@ def _read(path: Path) -> Any:
 
 def _check_size(name: str, points: Array, triangles: NDArray[np.int32]) -> None:
     if not 4 <= len(triangles) <= MAX_TRIANGLES:
-        raise InvalidValueError(f"number of triangles of {name}", len(triangles), f"4 to {MAX_TRIANGLES}; simplify it first")
+        remedy = "; simplify it first" if len(triangles) > MAX_TRIANGLES else ""
+        raise InvalidValueError(f"number of triangles of {name}", len(triangles), f"4 to {MAX_TRIANGLES}{remedy}")
     if not np.isfinite(points).all():
         raise InvalidValueError(name, "a mesh with NaN or infinity", "finite millimetres")
     size = np.ptp(points[np.unique(triangles)], axis=0)

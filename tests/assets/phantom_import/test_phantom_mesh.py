@@ -1,15 +1,16 @@
 """A user's closed surface becomes a solid like the built-in one; anything else is refused with the reason."""
 
 import builtins
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
-from laploop.assets import phantom_mesh
-from laploop.assets.phantom_mesh import checked_surface, load_phantom
-from laploop.assets.self_intersection import crossing_triangles
-from laploop.assets.solid_store import cache_folder
+from laploop.assets.phantom_import import phantom_mesh
+from laploop.assets.phantom_import.phantom_mesh import checked_surface, load_phantom
+from laploop.assets.phantom_import.self_intersection import crossing_triangles
+from laploop.assets.phantom_import.solid_store import cache_folder
 from laploop.assets.tissue_mesh import mean_top_height, solid_from_tetrahedra
 from laploop.errors import InvalidValueError, MissingFileError
 
@@ -256,14 +257,50 @@ def test_unreadable_or_empty_file_is_refused(tmp_path, name, content):
         checked_surface(tmp_path / name)
 
 
+def damaged(good, rng):
+    """Return the bytes of a file cut short, with some bytes changed, without its head, and junk."""
+    flipped = bytearray(good)
+    for place in rng.integers(len(good), size=20):
+        flipped[place] = rng.integers(256)
+    return good[: rng.integers(len(good))], bytes(flipped), rng.bytes(84) + good[84:], rng.bytes(int(rng.integers(5000)))
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
+def test_damaged_files_are_refused_in_one_line(tmp_path, suffix):
+    good = saved(dome(), tmp_path, suffix).read_bytes()
+    rng = np.random.default_rng(0)
+    refused = 0
+    for content in (content for _ in range(8) for content in damaged(good, rng)):
+        path = tmp_path / f"damaged.{suffix}"
+        path.write_bytes(content)
+        try:
+            points, _ = checked_surface(path)
+        except InvalidValueError as error:
+            refused += 1
+            assert "\n" not in str(error)
+            assert len(str(error)) < 300
+        else:
+            # What passes, such as a changed digit, is still a surface of sensible size.
+            assert np.ptp(points, axis=0).max() <= 200.0
+    assert refused >= 24
+
+
 def test_missing_file_unknown_suffix_and_folder_are_refused(tmp_path):
     with pytest.raises(MissingFileError, match=r"none\.stl"):
         checked_surface(tmp_path / "none.stl")
     with pytest.raises(InvalidValueError, match=r"\.step.*allowed: \.stl or \.obj or \.ply"):
         checked_surface(tmp_path / "part.step")
     (tmp_path / "folder.ply").mkdir()
-    with pytest.raises(MissingFileError):
-        checked_surface(tmp_path / "folder.ply")
+    for path in (tmp_path / "folder.ply", tmp_path / ("x" * 300 + ".ply"), Path("~nosuchuser/a.ply"), Path("a\0b.ply")):
+        with pytest.raises(MissingFileError):
+            load_phantom(path)
+
+
+def test_file_of_gigabytes_is_refused_unread(tmp_path):
+    with (tmp_path / "huge.stl").open("wb") as stream:
+        stream.truncate(2 * 2**30)
+    with pytest.raises(InvalidValueError, match=r"size of .*huge\.stl is '2147483648 bytes'; allowed: at most 104857600"):
+        load_phantom(tmp_path / "huge.stl")
 
 
 def test_missing_extra_is_named_with_the_way_to_get_it(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Tetrahedra that were made once, kept in the user's cache folder, so that the same surface gives the same bits ever after."""
+"""Tetrahedra kept in the user's cache folder, so that one surface always gives the same bits."""
 
 import hashlib
 import os
@@ -15,10 +15,10 @@ Solid = tuple[NDArray[np.float64], NDArray[np.int32]]
 
 
 def stored_solid(surface: Solid, recipe: str, make: Callable[[], Solid]) -> Solid:
-    """Return the solid that was made of this surface by this recipe, or make and keep it.
+    """Return the kept solid of this surface and recipe, or make and keep it.
 
-    Meshers draw random numbers that nobody can seed. Of two processes that make the same solid at once, both return the one
-    that was kept first. Where the folder cannot be written, the solid is made anew each time.
+    Meshers draw random numbers that cannot be seeded. If two processes make the same solid at once, both return the one that
+    was kept first. Where the folder cannot be written, the solid is made anew each time.
 
     Args:
         surface: Points (n, 3) and triangles (m, 3).

@@ -1,0 +1,1 @@
+"""A phantom from a user's own file: read, checked, filled with tetrahedra."""

@@ -1,0 +1,93 @@
+"""What cameras that follow rays through a scene have in common."""
+
+from collections.abc import Collection
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.assets.tissue_appearance import TissueAppearance
+from laploop.envs.sensors.stripe_capture import ExactView
+from laploop.envs.sensors.tracing.device import open_device
+from laploop.envs.sensors.tracing.ray_scene import RayScene
+from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
+from laploop.envs.sensors.tracing.strip_runner import StripRunner
+from laploop.envs.sensors.tracing.view_tracer import ViewTracer
+from laploop.errors import InvalidValueError
+from laploop.perception.geometry import Intrinsics, Rig
+
+
+class RayCamera:
+    """A camera and a projector that follow one ray a pixel to the surface and back to the projector.
+
+    Buffers are allocated once; what a camera returns is the caller's own.
+    """
+
+    def __init__(self, rig: Rig, device: str = "cpu", threads: int | None = None) -> None:
+        """Allocate the buffers and compile the kernels; `attach` a scene before the first image.
+
+        Args:
+            rig: Geometry of camera, projector and mask.
+            device: A Warp device: "cpu", "cuda", "cuda:0", ...
+            threads: CPU threads that share an image; by default two where there are two cores.
+
+        Raises:
+            UnknownNameError: If there is no such device.
+            OutputError: If compiled kernels cannot be kept.
+            InvalidValueError: If the number of threads is not from 1 to 64.
+        """
+        self.rig = rig
+        self._device = open_device(device)
+        self._runner = StripRunner(self._device, threads)
+        self._tracer = ViewTracer(rig, self._device, self._runner)
+        self._scene: RayScene | None = None
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Intrinsics of the camera."""
+        return self.rig.camera
+
+    def attach(
+        self,
+        model: mujoco.MjModel,
+        *,
+        groups: Collection[int] = (1,),
+        rng: np.random.Generator | None = None,
+        appearance: TissueAppearance | None = None,
+    ) -> SceneGeometry:
+        """Look at the given geom and flex groups of a model from now on; see `SceneGeometry.from_model`.
+
+        The default leaves out arms and abdominal wall.
+        """
+        geometry = SceneGeometry.from_model(model, groups=groups, rng=rng, appearance=appearance)
+        self.attach_geometry(geometry)
+        return geometry
+
+    def attach_geometry(self, geometry: SceneGeometry) -> None:
+        """Look at a scene of triangles from now on."""
+        self._scene = RayScene(geometry, self._device)
+        self._tracer.attach(self._scene)
+
+    def exact(self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64]) -> ExactView:
+        """Return the geometry of the scene as it is now, without an image.
+
+        Args:
+            data: State of the attached model, its kinematics current; None leaves the scene's points where they are.
+            world_from_camera: 4x4, computer-vision camera. The projector follows from the rig.
+
+        Raises:
+            InvalidValueError: If no scene is attached or the pose is not a rigid transform.
+        """
+        self._find_surfaces(data, world_from_camera)
+        self._runner.run(self._tracer.trace)
+        return self._tracer.read()
+
+    def _find_surfaces(self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64]) -> None:
+        """Bring the scene and the camera's pose to the device and find the triangle behind each pixel."""
+        if self._scene is None:
+            raise InvalidValueError("scene", None, "a scene that was attached before the first image")
+        self._tracer.place(world_from_camera)
+        if data is not None:
+            self._scene.geometry.update(data)
+        self._scene.update()
+        self._tracer.find_surfaces()
