@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from laploop.envs.episode import EpisodeConfig
+from laploop.envs.episode_config import EpisodeConfig
 from laploop.errors import OutputError, UnknownNameError, check_range
-from laploop.studies.episodes.task_campaigns import CAMPAIGNS, Campaign
+from laploop.studies.episodes.task_campaigns import CAMPAIGNS, Campaign, campaigns
 from laploop.studies.episodes.trials import Row, TrialsConfig, run_trials
 
 MET = {None: "", True: "yes", False: "no"}
@@ -41,14 +41,14 @@ class TaskTableConfig:
         check_range("seeds", self.seeds, 1, 100_000)
         check_range("first_seed", self.first_seed, 0, 2**31 - 1 - self.seeds)
         check_range("workers", self.workers, 1, 1024)
-        names = [campaign.name for campaign in CAMPAIGNS]
+        names = [campaign.name for campaign in campaigns()]
         for name in self.only:
             if name not in names:
                 raise UnknownNameError("campaign", name, names)
 
     def campaigns(self) -> tuple[Campaign, ...]:
         """Return the chosen campaigns in the order of the table."""
-        return tuple(campaign for campaign in CAMPAIGNS if not self.only or campaign.name in self.only)
+        return tuple(campaign for campaign in campaigns() if not self.only or campaign.name in self.only)
 
 
 def run_task_table(

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.envs.episode import EpisodeConfig, run_episode
+from laploop.envs.episode_config import EpisodeConfig
 from laploop.errors import InfeasibleError, InvalidValueError, OutputError, SimulationError
 from laploop.workers import run_in_workers
 
@@ -107,6 +107,8 @@ def run_trials(
 
 def run_trial(episode: EpisodeConfig) -> Row:
     """Run one episode and return its row; a failure of its physics or control becomes a row too."""
+    from laploop.envs.episode import run_episode  # slow to import
+
     try:
         summary = run_episode(episode)
     except (SimulationError, InfeasibleError) as error:
