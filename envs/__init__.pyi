@@ -1,8 +1,11 @@
-from .episode import EpisodeConfig as EpisodeConfig
 from .episode import run_episode as run_episode
-from .loop.clock_rates import ClockRates as ClockRates
+from .episode_config import ControllerConfig as ControllerConfig
+from .episode_config import EpisodeConfig as EpisodeConfig
+from .episode_config import EpisodeOptions as EpisodeOptions
+from .episode_config import PerceptionConfig as PerceptionConfig
+from .episode_config import PredictorConfig as PredictorConfig
 from .loop.closed_loop import ClosedLoop as ClosedLoop
-from .loop.closed_loop import LoopConfig as LoopConfig
+from .loop.config import LoopConfig as LoopConfig
 from .loop.faults import Fault as Fault
 from .loop.kinematic_errors import KinematicErrors as KinematicErrors
 from .loop.latency import ConstantLatency as ConstantLatency
@@ -18,21 +21,25 @@ from .sensors.optics.stripe_optics import StripeOptics as StripeOptics
 from .sensors.reference.camera import ReferenceCamera as ReferenceCamera
 from .sensors.reference.optics import ReferenceOptics as ReferenceOptics
 from .sensors.stripe_camera import StripeCamera as StripeCamera
-from .tasks.look import LookConfig as LookConfig
+from .tasks.configs import LookConfig as LookConfig
+from .tasks.configs import PalpateConfig as PalpateConfig
+from .tasks.configs import ReachConfig as ReachConfig
+from .tasks.configs import ScanConfig as ScanConfig
+from .tasks.configs import TrackConfig as TrackConfig
+from .tasks.criteria import Criterion as Criterion
 from .tasks.look import LookEnv as LookEnv
-from .tasks.palpate import PalpateConfig as PalpateConfig
 from .tasks.palpate import PalpateEnv as PalpateEnv
-from .tasks.reach import ReachConfig as ReachConfig
 from .tasks.reach import ReachEnv as ReachEnv
 from .tasks.registry import TASKS as TASKS
+from .tasks.registry import TaskSpec as TaskSpec
+from .tasks.registry import default_config as default_config
 from .tasks.registry import environment_id as environment_id
-from .tasks.scan import ScanConfig as ScanConfig
 from .tasks.scan import ScanEnv as ScanEnv
 from .tasks.task_config import TaskConfig as TaskConfig
 from .tasks.task_env import TaskEnv as TaskEnv
-from .tasks.track import TrackConfig as TrackConfig
 from .tasks.track import TrackEnv as TrackEnv
 from .theatre.actuation import ActuationConfig as ActuationConfig
+from .theatre.clock_rates import ClockRates as ClockRates
 from .theatre.config import TheatreConfig as TheatreConfig
 from .theatre.config import TheatreLayout as TheatreLayout
 from .theatre.organ_motion import BaseMotion as BaseMotion
@@ -48,7 +55,10 @@ __all__ = [
     "ClosedLoop",
     "CompositeRecorder",
     "ConstantLatency",
+    "ControllerConfig",
+    "Criterion",
     "EpisodeConfig",
+    "EpisodeOptions",
     "Fault",
     "KinematicErrors",
     "LatencyModel",
@@ -59,6 +69,8 @@ __all__ = [
     "NullRecorder",
     "PalpateConfig",
     "PalpateEnv",
+    "PerceptionConfig",
+    "PredictorConfig",
     "ReachConfig",
     "ReachEnv",
     "Recorder",
@@ -72,6 +84,7 @@ __all__ = [
     "StripeOptics",
     "TaskConfig",
     "TaskEnv",
+    "TaskSpec",
     "Theatre",
     "TheatreConfig",
     "TheatreLayout",
@@ -79,6 +92,7 @@ __all__ = [
     "TrackConfig",
     "TrackEnv",
     "TrocarConfig",
+    "default_config",
     "environment_id",
     "optics_preset",
     "run_episode",

@@ -2,12 +2,12 @@ from .calibration.calibration_file import load_calibration as load_calibration
 from .calibration.calibration_file import save_calibration as save_calibration
 from .calibration.hand_eye import HandEyeCalibration as HandEyeCalibration
 from .calibration.hand_eye import calibrate_hand_eye as calibrate_hand_eye
+from .calibration.joint import calibrate_jointly as calibrate_jointly
 from .calibration.projector import ProjectorCalibration as ProjectorCalibration
 from .calibration.projector import calibrate_projector as calibrate_projector
 from .calibration.results import CameraCalibration as CameraCalibration
 from .calibration.results import StereoCalibration as StereoCalibration
 from .calibration.solve import calibrate_camera as calibrate_camera
-from .calibration.solve import calibrate_stereo as calibrate_stereo
 from .cramer_rao import CramerRaoBound as CramerRaoBound
 from .data.datasets import DepthDataset as DepthDataset
 from .data.datasets import open_dataset as open_dataset
@@ -57,8 +57,8 @@ __all__ = [
     "StripeFrame",
     "calibrate_camera",
     "calibrate_hand_eye",
+    "calibrate_jointly",
     "calibrate_projector",
-    "calibrate_stereo",
     "checked_estimate",
     "depth_metrics",
     "export_onnx",

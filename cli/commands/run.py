@@ -11,7 +11,8 @@ import tyro
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
-from laploop.envs.episode import EpisodeConfig, run_episode
+from laploop.envs.episode import run_episode
+from laploop.envs.episode_config import EpisodeConfig
 from laploop.envs.recording.episode_log import EpisodeLog
 from laploop.envs.recording.recorder import STAGES, CompositeRecorder, Recorder
 
@@ -44,7 +45,7 @@ def main(arguments: Sequence[str]) -> int:
 
                 path = stack.enter_context(folder.own_artefact("recording.rrd"))
                 recorders.append(stack.enter_context(RerunRecorder(path)))
-            with progress_bar("simulated seconds", config.duration_s()) as advance_to:
+            with progress_bar("simulated seconds", config.task.max_seconds) as advance_to:
                 results = run_episode(config, CompositeRecorder(recorders), advance_to)
 
         from laploop.studies.episodes.episode_figure import draw_episode

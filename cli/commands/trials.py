@@ -39,7 +39,7 @@ def main(arguments: Sequence[str]) -> int:
         folder.write_text("trials.md", as_markdown(rows, results))
         with folder.artefact("trials.png") as path:
             title = f"{episode.task}  |  {episode.perception}  |  {episode.motion_name()}  |  {len(rows)} seeds"
-            draw_trials(rows, title, path, task=episode.task)
+            draw_trials(rows, title, path, task=episode.task.kind)
         folder.write_summary(results, config=chosen, seed=episode.seed)
     low, high = results["success_interval_95"]
     table = ResultTable(f"{episode.task}, {episode.perception}, {episode.motion_name()}, {len(rows)} seeds")

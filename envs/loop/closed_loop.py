@@ -1,34 +1,26 @@
 """Everything between a desired tip velocity and the next depth frame: physics, stripes, perception, trocar-aware control."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.assets.scope_optics import ScopeOptics
-from laploop.control.arm.rcm_config import RcmControllerConfig
 from laploop.control.arm.rcm_controller import RcmController, RcmStatus
 from laploop.control.messages import ControlInput
-from laploop.envs.loop.clock_rates import ClockRates
-from laploop.envs.loop.faults import Fault, FaultInjector
+from laploop.envs.loop.config import LoopConfig
+from laploop.envs.loop.faults import FaultInjector
 from laploop.envs.loop.kinematic_errors import KinematicErrors
-from laploop.envs.loop.latency import ConstantLatency, LatencyModel
 from laploop.envs.loop.limit_monitor import LimitMonitor
 from laploop.envs.loop.marker_view import visible_pixel
 from laploop.envs.loop.miscalibrated_arm import MiscalibratedArm, MiscalibratedScope, MiscalibratedTool
 from laploop.envs.loop.perception_server import CapturedFrame, PerceptionServer, ServedFrame
-from laploop.envs.loop.proprioception import Proprioception, ProprioceptionConfig, ProprioceptiveReading
+from laploop.envs.loop.proprioception import Proprioception, ProprioceptiveReading
 from laploop.envs.loop.stage_timer import StageTimer
 from laploop.envs.recording.recorder import DepthRecord, FrameRecord, NullRecorder, Recorder
 from laploop.envs.sensors.object_id import ObjectId
-from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.envs.sensors.stripe_camera import StripeCamera
-from laploop.envs.theatre.actuation import ActuationConfig
-from laploop.envs.theatre.config import TheatreConfig
 from laploop.envs.theatre.theatre import Theatre
-from laploop.envs.theatre.trocar import TrocarConfig
-from laploop.errors import InvalidValueError, SimulationError
+from laploop.errors import SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
 from laploop.perception.messages import StripeFrame
@@ -37,39 +29,6 @@ Array = NDArray[np.float64]
 
 MAX_WAIT_NS = 10_000_000_000
 """How long a reset waits for the first depth frame."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LoopConfig:
-    """The stages of the loop and their timing."""
-
-    rates: ClockRates = field(default_factory=ClockRates)
-    latency: LatencyModel = field(default_factory=ConstantLatency)
-    """Service time of the perception stage."""
-    transfer_ns: int = 0
-    """From the capture of a frame to its arrival at the perception stage."""
-    scope: ScopeOptics = field(default_factory=ScopeOptics)
-    stripes: StripeOptics = field(default_factory=StripeOptics)
-    proprioception: ProprioceptionConfig = field(default_factory=ProprioceptionConfig)
-    rcm: RcmControllerConfig = field(default_factory=RcmControllerConfig)
-    actuation: ActuationConfig = field(default_factory=ActuationConfig)
-    """How both arms follow their joint targets."""
-    trocar: TrocarConfig = field(default_factory=TrocarConfig)
-    """What wall and seal do to both shafts."""
-    kinematic_errors: KinematicErrors = field(default_factory=KinematicErrors)
-    """What each arm's kinematics and the hand-eye calibration get wrong, drawn anew in every episode."""
-    faults: tuple[Fault, ...] = ()
-    device: str = "cpu"
-    """Where stripes are rendered: `cpu` or a CUDA device."""
-
-    def __post_init__(self) -> None:
-        """Check the transfer time.
-
-        Raises:
-            InvalidValueError: If it is negative.
-        """
-        if self.transfer_ns < 0:
-            raise InvalidValueError("transfer_ns", self.transfer_ns, "0 or more")
 
 
 class ClosedLoop:
@@ -92,7 +51,7 @@ class ClosedLoop:
         """Keep the parts that outlive an episode; `reset` makes the rest.
 
         Args:
-            config: The stages and their timing.
+            config: The theatre, the stages and their timing.
             estimator: The perception stage.
             recorder: Told everything.
             moves_scope: Whether the camera arm is controlled; it stands still otherwise.
@@ -103,32 +62,25 @@ class ClosedLoop:
         self._locate_target = locate_target
         self.estimator = estimator
         self.recorder: Recorder = recorder or NullRecorder()
-        self.rig = Rig.from_optics(config.scope)
+        self.rig = Rig.from_optics(config.theatre.scope)
         self.timer = StageTimer()
         self._server: PerceptionServer | None = None
 
-    def reset(
-        self, theatre_config: TheatreConfig, rng: np.random.Generator, at_first_frame: Callable[[], None] | None = None
-    ) -> None:
+    def reset(self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None) -> None:
         """Build the theatre and run it, arms held, until the first depth frame has arrived.
 
         Args:
-            theatre_config: What to build; its time step and control period must be those of the rates.
             rng: Source of noise, of latencies, of the tissue's texture, and of the proprioceptive channels' corruption.
+            theatre_seed: Decides the theatre, unless its configuration does.
             at_first_frame: Called at time 0, when the first frame has just been captured.
 
         Raises:
-            InvalidValueError: If the theatre's time step or control period is not that of the rates.
             SimulationError: If no depth frame arrives.
         """
-        rates = self.config.rates
-        for name, period_ns in (("timestep_s", rates.physics_ns), ("control_period_s", rates.control_ns)):
-            if round(getattr(theatre_config, name) * 1e9) != period_ns:
-                raise InvalidValueError(name, getattr(theatre_config, name), f"{period_ns * 1e-9} as in the rates")
         self.close()
         self._noise_rng, latency_rng, corruption_rng, texture_rng, tool_rng, scope_rng = rng.spawn(6)
         self.timer = StageTimer()
-        self.theatre = Theatre(theatre_config)
+        self.theatre = Theatre(self.config.theatre, self.config, seed=theatre_seed)
         self.theatre.reset()
         errors = self.config.kinematic_errors
         exact = errors == KinematicErrors()
@@ -138,16 +90,14 @@ class ClosedLoop:
         self._scope_controller = self._controller(self.scope) if self._moves_scope else None
         self._injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
-        self._camera = StripeCamera(self.rig, self.config.stripes, device=self.config.device)
+        self._camera = StripeCamera(self.rig, self.config.optics, device=self.config.device)
         self._camera.attach(self.theatre.model, rng=texture_rng, appearance=self.theatre.config.tissue.appearance)
-        self._server = PerceptionServer(self.estimator, self.config.latency, latency_rng)
-        self._proprioception = Proprioception(
-            self.tool, self.config.proprioception, self.config.rates.physics_steps_per_control
-        )
+        self._server = PerceptionServer(self.estimator, self.config.latency.samples_ns(latency_rng))
+        self._proprioception = Proprioception(self.tool, self.config.proprioception, self.config.physics_steps_per_control)
         self._proprioception.reset(np.random.RandomState(corruption_rng.integers(2**32)))
         self.frame_count = 0
         models = {"camera": self.scope.model, "tool": self.tool.model}
-        self.watch = LimitMonitor(self.theatre, models, self.config.rcm, rates.control_s)
+        self.watch = LimitMonitor(self.theatre, models, self.config.rcm, self.config.control_s)
         self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
         self.max_port_force_n = {"camera": 0.0, "tool": 0.0}
         self.max_port_friction_n = {"camera": 0.0, "tool": 0.0}
@@ -180,7 +130,7 @@ class ClosedLoop:
         Returns:
             The depth frames that arrived, oldest first.
         """
-        rates = self.config.rates
+        rates = self.config
         with self.timer.measure("control"):
             rotation = self.scope.world_from_camera()[:3, :3]
             # Each shaft keeps clear of the other, from where that one's robot believes it to be.
@@ -279,7 +229,12 @@ class ClosedLoop:
         return self._injector.reading(self._proprioception.read(), self.now_ns)
 
     def control_input(self, target_pixel: Array) -> ControlInput:
-        """Gather all that a tip controller may know, but for what its task alone knows."""
+        """Gather all that a tip controller may know, but for what its task alone knows.
+
+        Raises:
+            SimulationError: If no episode is running.
+        """
+        self._running_server()
         world_from_camera = self.scope.world_from_camera()
         camera_from_world = invert_transform(world_from_camera)
         reading = self.reading()
@@ -296,7 +251,7 @@ class ClosedLoop:
             shaft_axis_in_camera=camera_from_world[:3, :3] @ self.tool.shaft_axis_in_world(),
             scope_trocar_in_camera=transform_points(camera_from_world, self.scope.trocar_in_world),
             world_from_camera=world_from_camera,
-            lead_ns=self.config.actuation.lead_ns,
+            lead_ns=self.config.theatre.actuation.lead_ns,
             marker_pixel=self._markers.get(newest.depth.index) if newest else None,
         )
 
@@ -306,6 +261,11 @@ class ClosedLoop:
             self._server.close()
             self._server = None
 
+    def _running_server(self) -> PerceptionServer:
+        if self._server is None:
+            raise SimulationError("no episode is running; call reset() first")
+        return self._server
+
     def _controller(self, arm: MiscalibratedArm) -> RcmController:
         controller = RcmController(arm.model, arm.trocar_in_world, self.config.rcm)
         controller.reset(arm.home_q)
@@ -313,7 +273,7 @@ class ClosedLoop:
 
     def _within_reach(self, arm: MiscalibratedArm, controller: RcmController, wanted: Array) -> Array:
         """Return the velocity of the moved arm's tip, (3,) m/s in the world, that faults leave possible."""
-        period_s, axis = self.config.rates.control_s, arm.shaft_axis_in_world()
+        period_s, axis = self.config.control_s, arm.shaft_axis_in_world()
         velocity, self._out_of_reach = self._injector.velocity(wanted, axis, controller.insertion_m, period_s, self.now_ns)
         return velocity
 
@@ -323,7 +283,7 @@ class ClosedLoop:
 
     def _capture_if_due(self) -> None:
         now_ns = self.now_ns
-        if now_ns % self.config.rates.camera_ns:
+        if now_ns % self.config.camera_ns:
             return
         # Recording costs most when frames come, so that a sample of it is a whole camera period.
         self.timer.complete("record")
@@ -351,12 +311,10 @@ class ClosedLoop:
             )
 
     def _deliver(self) -> list[ServedFrame]:
-        if self._server is None:
-            raise InvalidValueError("loop", "closed", "a loop that was reset")
-        now_ns = self.now_ns
+        server, now_ns = self._running_server(), self.now_ns
         while self._in_transfer and self._in_transfer[0].frame.available_ns <= now_ns:
-            self._server.submit(self._in_transfer.pop(0))
-        arrived = self._injector.depth_frames(self._server.poll(now_ns), self._markers, now_ns)
+            server.submit(self._in_transfer.pop(0))
+        arrived = self._injector.depth_frames(server.poll(now_ns), self._markers, now_ns)
         served: list[ServedFrame] = []
         for one in arrived:
             if self.newest_served is not None and one.depth.captured_ns <= self.newest_served.depth.captured_ns:
@@ -365,8 +323,8 @@ class ClosedLoop:
             served.append(one)
             self.newest_served = one
             self._markers = {index: pixel for index, pixel in self._markers.items() if index >= one.depth.index}
-            if self._server.last_compute_s is not None:
-                self.timer.add("perception", self._server.last_compute_s)
+            if server.last_compute_s is not None:
+                self.timer.add("perception", server.last_compute_s)
             truth = one.captured.truth
             with self.timer.measure("record"):
                 self.recorder.depth(

@@ -1,15 +1,16 @@
 """What can go wrong with the sensors, at times of one's choosing: for tests, and for controllers that must bear it."""
 
 import math
-from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from dataclasses import replace
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.configuration import Field, configuration
 from laploop.envs.loop.perception_server import ServedFrame
 from laploop.envs.loop.proprioception import ProprioceptiveReading
-from laploop.errors import InvalidValueError, UnknownNameError, check_range
+from laploop.errors import InvalidValueError
 from laploop.perception.messages import DepthEstimate
 
 Array = NDArray[np.float64]
@@ -33,7 +34,7 @@ _BRAKING_MPS2 = 0.5
 """With which a shaft comes to rest at the end of its way; the arm's controller can twice that."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class Fault:
     """One fault and when it lasts, in simulated time.
 
@@ -49,28 +50,27 @@ class Fault:
     """
 
     kind: FaultKind
-    start_s: float
-    end_s: float
-    jump_m: float = 0.02
-    radius_px: float = 60.0
-    room_m: float = 0.003
-    full_scale_n: float = 10.0
+    start_s: Annotated[float, Field(ge=0.0, le=3600.0)]
+    """Begin, in simulated time."""
+    end_s: Annotated[float, Field(gt=0.0, le=3600.0)]
+    """End, after the begin."""
+    jump_m: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.02
+    """How much too deep a jump puts the surface."""
+    radius_px: Annotated[float, Field(ge=1.0, le=1e4)] = 60.0
+    """Around the target, how much of the image is hidden with it."""
+    room_m: Annotated[float, Field(ge=0.002, le=0.3)] = 0.003
+    """How much deeper the shaft goes before it meets its stop."""
+    full_scale_n: Annotated[float, Field(ge=0.01, le=1e3)] = 10.0
+    """What a saturated force sensor reads."""
 
     def __post_init__(self) -> None:
-        """Check every field.
+        """Check begin and end.
 
         Raises:
-            UnknownNameError: If there is no such fault.
-            InvalidValueError: If a field lies outside its range.
+            InvalidValueError: If the fault does not end after it began.
         """
-        if self.kind not in get_args(FaultKind):
-            raise UnknownNameError("fault", self.kind, get_args(FaultKind))
-        if not 0.0 <= self.start_s < self.end_s:
-            raise InvalidValueError("start_s and end_s", (self.start_s, self.end_s), "0 <= start_s < end_s")
-        check_range("jump_m", self.jump_m, -0.1, 0.1)
-        check_range("radius_px", self.radius_px, 1.0, 1e4)
-        check_range("room_m", self.room_m, 0.002, 0.3)
-        check_range("full_scale_n", self.full_scale_n, 0.01, 1e3)
+        if not self.start_s < self.end_s:
+            raise InvalidValueError("end_s", self.end_s, f"above start_s ({self.start_s:g})")
 
     def active(self, now_ns: int) -> bool:
         """Say whether the fault lasts at a time."""

@@ -1,11 +1,12 @@
 """What an arm's kinematics and the hand-eye calibration get wrong; off by default, drawn once from a seed."""
 
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.errors import check_range
+from laploop.configuration import Field, configuration
 from laploop.perception.calibration.results import CameraCalibration
 
 Array = NDArray[np.float64]
@@ -39,29 +40,18 @@ class DrawnErrors:
         return np.asarray(world_from_camera @ self.camera_from_nominal)
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class KinematicErrors:
     """Standard deviations of normally distributed errors; zero leaves an error out."""
 
-    joint_rad: float = 0.0
+    joint_rad: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
     """Of each joint's zero. 0.1 degrees at the wrist move a tip 300-400 mm past the flange by 0.5-0.7 mm."""
-    tip_m: float = 0.0
+    tip_m: Annotated[float, Field(ge=0.0, le=0.02)] = 0.0
     """Of the tip along each axis of the shaft's frame."""
-    hand_eye_m: float = 0.0
+    hand_eye_m: Annotated[float, Field(ge=0.0, le=0.05)] = 0.0
     """Of the camera's position along each axis."""
-    hand_eye_rad: float = 0.0
+    hand_eye_rad: Annotated[float, Field(ge=0.0, le=0.2)] = 0.0
     """Of the camera's rotation about each axis."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        check_range("joint_rad", self.joint_rad, 0.0, 0.1)
-        check_range("tip_m", self.tip_m, 0.0, 0.02)
-        check_range("hand_eye_m", self.hand_eye_m, 0.0, 0.05)
-        check_range("hand_eye_rad", self.hand_eye_rad, 0.0, 0.2)
 
     def with_calibration(self, calibration: CameraCalibration, distance_m: float) -> "KinematicErrors":
         """Return the same with a hand-eye error of the size that a calibration's residual allows at a distance.
@@ -78,20 +68,12 @@ class KinematicErrors:
 
     def draw(self, rng: np.random.Generator) -> DrawnErrors:
         """Draw one robot; the number of draws does not depend on what is zero."""
+        from scipy.spatial.transform import Rotation
+
         joints, tip, shift, turn = (rng.standard_normal(size) for size in (6, 3, 3, 3))
         camera_from_nominal = np.eye(4)
-        camera_from_nominal[:3, :3] = _rotation(self.hand_eye_rad * turn)
+        camera_from_nominal[:3, :3] = Rotation.from_rotvec(self.hand_eye_rad * turn).as_matrix()
         camera_from_nominal[:3, 3] = self.hand_eye_m * shift
         return DrawnErrors(
             joint_offsets_rad=self.joint_rad * joints, tip_offset_m=self.tip_m * tip, camera_from_nominal=camera_from_nominal
         )
-
-
-def _rotation(vector: Array) -> Array:
-    """Return the rotation (3, 3) about a rotation vector, by Rodrigues' formula."""
-    angle = float(np.linalg.norm(vector))
-    if angle == 0.0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross)

@@ -1,117 +1,112 @@
-"""How long the perception stage takes, in simulated time."""
+"""How long the perception stage takes, in simulated time.
+
+A model is a specification without state; `samples_ns` begins one sequence of service times, which belongs to its episode.
+"""
 
 import csv
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from itertools import cycle, repeat
 from pathlib import Path
-from typing import Protocol
+from typing import Annotated, Literal
 
 import numpy as np
 
-from laploop.errors import InvalidValueError, MissingFileError
+from laploop.configuration import Field, configuration
+from laploop.errors import InvalidValueError, LaploopError, MissingFileError
+
+COLUMN = "latency_ms"
+"""Of a trace file, as `laploop speed` writes it."""
+
+Milliseconds = Annotated[float, Field(ge=0.0, le=5000.0)]
+
+_LARGEST_FILE = 64 * 2**20
+_LONGEST_SHOWN = 40
 
 
-class LatencyModel(Protocol):
-    """A source of service times."""
-
-    def reset(self) -> None:
-        """Start over, as at the beginning of an episode."""
-        ...
-
-    def sample_ns(self, rng: np.random.Generator) -> int:
-        """Return the service time of the next frame."""
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class ConstantLatency:
     """Every frame takes the same time."""
 
-    latency_ns: int = 40_000_000
+    kind: Literal["constant"] = "constant"
+    latency_ms: Milliseconds = 40.0
 
-    def __post_init__(self) -> None:
-        """Check the time.
-
-        Raises:
-            InvalidValueError: If it is negative.
-        """
-        if self.latency_ns < 0:
-            raise InvalidValueError("latency_ns", self.latency_ns, "0 or more")
-
-    def reset(self) -> None:
-        """Do nothing: there is no state."""
-
-    def sample_ns(self, rng: np.random.Generator) -> int:  # noqa: ARG002  the protocol's signature
-        """Return the constant."""
-        return self.latency_ns
+    def samples_ns(self, rng: np.random.Generator) -> Iterator[int]:  # noqa: ARG002  the same for all models
+        """Yield the service time of one frame after another."""
+        return repeat(_nanoseconds(self.latency_ms))
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class LognormalLatency:
     """Service times with a long right tail, as schedulers and shared accelerators show."""
 
-    median_ns: int = 40_000_000
-    sigma: float = 0.2
+    kind: Literal["lognormal"] = "lognormal"
+    median_ms: Annotated[float, Field(gt=0.0, le=5000.0)] = 40.0
+    sigma: Annotated[float, Field(ge=0.0, le=3.0)] = 0.2
     """Standard deviation of the logarithm."""
 
-    def __post_init__(self) -> None:
-        """Check the parameters.
-
-        Raises:
-            InvalidValueError: If the median or the spread is out of range.
-        """
-        if self.median_ns <= 0:
-            raise InvalidValueError("median_ns", self.median_ns, "above 0")
-        if not 0.0 <= self.sigma <= 3.0:
-            raise InvalidValueError("sigma", self.sigma, "0 to 3")
-
-    def reset(self) -> None:
-        """Do nothing: the randomness comes from the caller's generator."""
-
-    def sample_ns(self, rng: np.random.Generator) -> int:
-        """Draw a service time."""
-        return round(self.median_ns * math.exp(self.sigma * rng.standard_normal()))
+    def samples_ns(self, rng: np.random.Generator) -> Iterator[int]:
+        """Yield the service time of one frame after another, drawn from `rng`."""
+        while True:
+            yield round(_nanoseconds(self.median_ms) * math.exp(self.sigma * rng.standard_normal()))
 
 
+@configuration
 class TraceLatency:
     """Replays recorded service times in order, starting over at the end."""
 
-    def __init__(self, latencies_ns: Sequence[int]) -> None:
-        """Keep a copy of the trace.
-
-        Raises:
-            InvalidValueError: If the trace is empty or holds a negative time.
-        """
-        self._trace = tuple(int(latency) for latency in latencies_ns)
-        if not self._trace or min(self._trace) < 0:
-            raise InvalidValueError("latencies_ns", list(latencies_ns)[:5], "at least one value, none negative")
-        self._next = 0
+    kind: Literal["trace"] = "trace"
+    latencies_ms: Annotated[tuple[Milliseconds, ...], Field(min_length=1, max_length=1_000_000)]
+    """The recorded times; `--latency-trace FILE` reads them from a CSV file."""
 
     @classmethod
-    def from_csv(cls, path: Path) -> "TraceLatency":
-        """Read a trace from the column `latency_ms` of a CSV file.
+    def from_csv(cls, path: Path | str) -> "TraceLatency":
+        """Read a trace from the column `latency_ms` of a CSV file in UTF-8.
 
         Raises:
             MissingFileError: If there is no such file.
-            InvalidValueError: If it has no such column, or a value in it is not a number.
+            InvalidValueError: If it is not such a file, or a row has no such number or another number of columns.
         """
-        if not path.is_file():
-            raise MissingFileError("latency trace", path, "give the path of a CSV file with a column latency_ms")
-        with path.open(newline="") as file:
-            rows = list(csv.DictReader(file))
-        values = [row.get("latency_ms") for row in rows]
+        path = Path(path)
+        name = f"latency trace {path}"
         try:
-            return cls([round(float(value) * 1e6) for value in values])  # type: ignore[arg-type]
-        except (TypeError, ValueError, OverflowError) as error:
-            raise InvalidValueError(f"column latency_ms of {path}", values[:5], "one number of milliseconds a row") from error
+            if not path.is_file():
+                raise MissingFileError("latency trace", path, f"give the path of a CSV file with a column {COLUMN}")
+            if (size := path.stat().st_size) > _LARGEST_FILE:
+                raise InvalidValueError(name, f"{size} bytes", f"at most {_LARGEST_FILE}")
+            rows = list(csv.reader(path.read_text(encoding="utf-8-sig").rstrip().splitlines(), strict=True))
+        except LaploopError:
+            raise
+        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            raise InvalidValueError(name, _cut(str(error)), "a CSV file, text in UTF-8") from error
+        if len(rows) < 2 or COLUMN not in rows[0]:
+            header = _cut(",".join(rows[0]) if rows else "")
+            raise InvalidValueError(name, header, f"a line of column names, {COLUMN} among them, and at least one row")
+        column, width = rows[0].index(COLUMN), len(rows[0])
+        return cls(latencies_ms=tuple(_entry(row, column, width, f"line {n} of {name}") for n, row in enumerate(rows[1:], 2)))
 
-    def reset(self) -> None:
-        """Go back to the start of the trace."""
-        self._next = 0
+    def samples_ns(self, rng: np.random.Generator) -> Iterator[int]:  # noqa: ARG002  the same for all models
+        """Yield the service time of one frame after another."""
+        return cycle([_nanoseconds(latency) for latency in self.latencies_ms])
 
-    def sample_ns(self, rng: np.random.Generator) -> int:  # noqa: ARG002  the protocol's signature
-        """Return the next recorded time."""
-        latency = self._trace[self._next]
-        self._next = (self._next + 1) % len(self._trace)
-        return latency
+
+LatencyModel = ConstantLatency | LognormalLatency | TraceLatency
+
+
+def _nanoseconds(milliseconds: float) -> int:
+    return round(milliseconds * 1e6)
+
+
+def _entry(row: list[str], column: int, width: int, place: str) -> float:
+    try:
+        value = float(row[column]) if len(row) == width else math.nan
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value <= 5000.0:
+        allowed = f"{width} column{'s' * (width > 1)}, {COLUMN} a number from 0 to 5000"
+        raise InvalidValueError(place, _cut(",".join(row)), allowed)
+    return value
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."

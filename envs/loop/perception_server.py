@@ -1,14 +1,12 @@
 """The perception stage as a server with one worker, in simulated time."""
 
 import time
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
-import numpy as np
-
-from laploop.envs.loop.latency import LatencyModel
 from laploop.envs.sensors.stripe_capture import StripeCapture
-from laploop.perception.estimators.base import DepthEstimator
+from laploop.perception.estimators.base import DepthEstimator, checked_estimate
 from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.messages import DepthEstimate, DepthFrame, StripeFrame
 
@@ -44,11 +42,10 @@ class PerceptionServer:
     image alone, so that wall-clock time never reaches the simulation.
     """
 
-    def __init__(self, estimator: DepthEstimator, latency: LatencyModel, rng: np.random.Generator) -> None:
-        """Serve with the estimator; service times come from the latency model and the generator."""
+    def __init__(self, estimator: DepthEstimator, service_ns: Iterator[int]) -> None:
+        """Serve with the estimator; `service_ns` yields the service time of each frame that is started."""
         self._estimator = estimator
-        self._latency = latency
-        self._rng = rng
+        self._service_ns = service_ns
         self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix="perception")
         self._job: _Job | None = None
         self._waiting: CapturedFrame | None = None
@@ -56,7 +53,6 @@ class PerceptionServer:
         """Frames that were overtaken before their turn came."""
         self.last_compute_s: float | None = None
         """Wall-clock time that the estimator took for the frame delivered last."""
-        latency.reset()
 
     def submit(self, captured: CapturedFrame) -> None:
         """Hand over a frame at its `available_ns`; frames come in the order of time."""
@@ -94,11 +90,12 @@ class PerceptionServer:
 
     def _start(self, captured: CapturedFrame, start_ns: int) -> None:
         result = self._executor.submit(self._timed_estimate, captured)
-        self._job = _Job(captured=captured, done_ns=start_ns + self._latency.sample_ns(self._rng), result=result)
+        self._job = _Job(captured=captured, done_ns=start_ns + next(self._service_ns), result=result)
 
     def _timed_estimate(self, captured: CapturedFrame) -> tuple[DepthEstimate, float]:
         if isinstance(self._estimator, OracleEstimator):
             self._estimator.see_truth(captured.truth.depth_mm)
         begin = time.perf_counter()
-        estimate = self._estimator.estimate(captured.frame.image)
+        image = captured.frame.image
+        estimate = checked_estimate(self._estimator.estimate(image), image.shape[:2])
         return estimate, time.perf_counter() - begin

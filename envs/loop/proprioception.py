@@ -8,18 +8,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.errors import InvalidValueError
-
-with warnings.catch_warnings():
-    # Without a display, the window library that dm_control loads and we never use complains.
-    warnings.simplefilter("ignore")
-    from dm_control.composer.observation import observable
-    from dm_control.composer.observation.updater import Updater
+from laploop.configuration import Field, configuration
 
 Array = NDArray[np.float64]
 
@@ -40,28 +34,18 @@ class ProprioceptiveBody(Protocol):
         ...
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class ProprioceptionConfig:
     """Delays in physics steps and noise in SI units; all off by default."""
 
-    kinematics_delay_steps: int = 0
-    force_delay_steps: int = 0
-    force_window_steps: int = 4
-    """The force sensor reports the mean of so many physics steps, as a strain gauge behind its low-pass filter does."""
-    force_noise_n: float = 0.0
-    """Standard deviation a component, of each of those."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            InvalidValueError: If a delay or the noise is negative.
-        """
-        for name in ("kinematics_delay_steps", "force_delay_steps", "force_noise_n"):
-            if getattr(self, name) < 0:
-                raise InvalidValueError(name, getattr(self, name), "0 or more")
-        if self.force_window_steps < 1:
-            raise InvalidValueError("force_window_steps", self.force_window_steps, "1 or more")
+    kinematics_delay_steps: Annotated[int, Field(ge=0, le=10_000)] = 0
+    """Physics steps until the tip's position and velocity are known."""
+    force_delay_steps: Annotated[int, Field(ge=0, le=10_000)] = 0
+    """Physics steps until the force is known."""
+    force_window_steps: Annotated[int, Field(ge=1, le=10_000)] = 4
+    """The force sensor reports the mean over this many physics steps, as a strain gauge behind its low-pass filter does."""
+    force_noise_n: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
+    """Standard deviation of each component in each of them."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -89,6 +73,11 @@ class Proprioception:
 
     def __init__(self, body: ProprioceptiveBody, config: ProprioceptionConfig, physics_steps_per_control: int) -> None:
         """Set the channels up; `reset` fills them with the first reading."""
+        with warnings.catch_warnings():
+            # Without a display, the window library that dm_control loads and we never use complains.
+            warnings.simplefilter("ignore")
+            from dm_control.composer.observation import observable
+            from dm_control.composer.observation.updater import Updater
         self._physics = _Physics(body)
         self._force_window = config.force_window_steps
         noise = partial(_add_noise, config.force_noise_n) if config.force_noise_n else None

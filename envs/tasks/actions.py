@@ -40,27 +40,44 @@ def action_space(config: TaskConfig) -> spaces.Space[NDArray[np.float32]]:
 def action_bound(config: TaskConfig) -> float:
     """Return the bound of each component of an action."""
     if config.action_mode == "joint-velocity":
-        return config.max_joint_speed
+        return config.max_joint_speed_radps
     if config.action_mode == "tip-offset":
-        return config.max_tip_speed * config.loop.rates.control_s
-    return config.max_tip_speed
+        return config.max_tip_speed_mps * config.loop.control_s
+    return config.max_tip_speed_mps
 
 
 def checked_action(action: object, config: TaskConfig) -> Array:
     """Return an action as float64.
 
     Raises:
-        InvalidValueError: If it has another shape or is not made of numbers, or is not finite where that is an error.
+        InvalidValueError: If it has another shape or is not made of real numbers, or is not finite where that is an error.
     """
     size = JOINTS if config.action_mode == "joint-velocity" else 3
-    try:
-        values = np.asarray(action, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidValueError("action", action, f"{size} numbers") from error
-    if values.shape != (size,) or (config.bad_action == "raise" and not np.isfinite(values).all()):
-        unit = {"joint-velocity": "rad/s", "tip-offset": "m"}.get(config.action_mode, "m/s")
+    unit = {"joint-velocity": "rad/s", "tip-offset": "m"}.get(config.action_mode, "m/s")
+    values = _real_numbers("action", action, size, unit)
+    if config.bad_action == "raise" and not np.isfinite(values).all():
         raise InvalidValueError("action", values.tolist(), f"{size} finite numbers ({unit})")
     return values
+
+
+def checked_command(command: object) -> Array:
+    """Return what a tip controller answered as float64; entries that are not finite are left to the environment.
+
+    Raises:
+        InvalidValueError: If it is not three real numbers.
+    """
+    return _real_numbers("command of the controller", command, 3, "velocity of the tip in m/s")
+
+
+def _real_numbers(name: str, values: object, size: int, unit: str) -> Array:
+    allowed = f"{size} finite numbers ({unit})"
+    try:
+        array = np.asarray(values)
+    except ValueError as error:
+        raise InvalidValueError(name, values, allowed) from error
+    if array.dtype.kind not in "fiu" or array.shape != (size,):
+        raise InvalidValueError(name, values, allowed)
+    return array.astype(np.float64)
 
 
 class ActionInterpreter:
@@ -101,8 +118,8 @@ class ActionInterpreter:
         command = np.zeros(3)
         if self._controller is not None and config.action_mode == "residual":
             with self._loop.timer.measure("control"):
-                command = np.asarray(self._controller.command(known()), dtype=np.float64)
-            if command.shape != (3,) or not np.isfinite(command).all():
+                command = checked_command(self._controller.command(known()))
+            if not np.isfinite(command).all():
                 self.fault = "controller_not_finite"
         if not np.isfinite(action).all():
             self.fault = "action_not_finite"
@@ -113,7 +130,7 @@ class ActionInterpreter:
         if config.action_mode == "joint-velocity":
             return self._loop.tip_velocity_of_joints(action)
         if config.action_mode == "tip-offset":
-            return action / config.loop.rates.control_s
+            return action / config.loop.control_s
         return action + command if config.action_mode == "residual" else action
 
     def _held(self, known: ControlInput) -> Array:

@@ -1,6 +1,6 @@
 """The looking task: the camera arm keeps a moving target in the middle of the view, at its working distance."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -8,62 +8,14 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from laploop.control.messages import ControlInput
+from laploop.envs.tasks.configs import LookConfig
 from laploop.envs.tasks.observations import Observation, bounded
-from laploop.envs.tasks.rewards import weighted
-from laploop.envs.tasks.task_config import TaskConfig
+from laploop.envs.tasks.rewards import nearness
+from laploop.envs.tasks.samples import Samples
 from laploop.envs.tasks.task_env import Info, TaskEnv
-from laploop.envs.theatre.organ_motion import BaseMotion
-from laploop.envs.theatre.stage_travel import StageTravel
-from laploop.errors import InvalidValueError
 from laploop.perception.geometry import invert_transform, transform_points
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class LookRewardWeights:
-    """What each term counts; a term's value times its weight is what `info["reward_terms"]` shows."""
-
-    centre: float = 1.0
-    distance: float = 1.0
-    force: float = 0.5
-    effort: float = 0.02
-    success: float = 10.0
-    harm: float = 10.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class LookConfig(TaskConfig):
-    """What the looking task asks, and in which theatre."""
-
-    motion: BaseMotion = field(default_factory=lambda: BaseMotion.named("breathing"))
-    travel: StageTravel = field(default_factory=lambda: StageTravel(x_peak_to_peak_m=0.020, y_peak_to_peak_m=0.020))
-    rewards: LookRewardWeights = field(default_factory=LookRewardWeights)
-    marker: bool = True
-    max_tip_speed: float = 0.03
-    working_distance_m: float = 0.085
-    """From the camera to the target, along the optical axis."""
-    settle_s: float = 2.0
-    """Until then nothing counts."""
-    max_centre_share: float = 0.05
-    """Largest distance of the target from the middle of the image, as a share of its width."""
-    max_distance_error_m: float = 0.005
-    hold_share: float = 0.95
-    """Share of the time after `settle_s` that both must hold in an episode that counts as a success."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            UnknownNameError: If a mode has an unknown name.
-            InvalidValueError: If a value is out of range.
-        """
-        super().__post_init__()
-        self.check_positive("settle_s", "max_centre_share", "max_distance_error_m")
-        if not 0.05 <= self.working_distance_m <= 0.15:
-            raise InvalidValueError("working_distance_m", self.working_distance_m, "0.05 to 0.15 m")
-        if not 0.0 < self.hold_share <= 1.0:
-            raise InvalidValueError("hold_share", self.hold_share, "above 0, at most 1")
 
 
 class LookEnv(TaskEnv[LookConfig]):
@@ -100,13 +52,8 @@ class LookEnv(TaskEnv[LookConfig]):
     (signed, positive too far away), `in_view`.
     """
 
-    task: ClassVar[str] = "look"
+    config_type: ClassVar[type[LookConfig]] = LookConfig
     moves_scope: ClassVar[bool] = True
-
-    @classmethod
-    def default_config(cls) -> LookConfig:
-        """Return the task as it is by default."""
-        return LookConfig()
 
     def extra_spaces(self) -> dict[str, spaces.Box]:
         """Return the spaces of the marker and of the scope's own state."""
@@ -145,11 +92,12 @@ class LookEnv(TaskEnv[LookConfig]):
         self._centre_share = float(np.linalg.norm(off)) / camera.width
         self._in_view = bool((np.abs(off) <= [0.5 * camera.width, 0.5 * camera.height]).all())
         if begin:
-            self._centre_shares: list[float] = []
-            self._distance_errors_mm: list[float] = []
+            self._centre, self._distance, self._held = Samples(), Samples(), Samples()
         elif self.is_assessed():
-            self._centre_shares.append(self._centre_share)
-            self._distance_errors_mm.append(abs(self._distance_error_mm))
+            off_mm = abs(self._distance_error_mm)
+            self._centre.add(self._centre_share)
+            self._distance.add(off_mm)
+            self._held.add(float(self._centre_share <= config.max_centre_share and off_mm <= config.max_distance_error_m * 1e3))
 
     def is_assessed(self) -> bool:
         """Count what comes after the settling time."""
@@ -157,20 +105,12 @@ class LookEnv(TaskEnv[LookConfig]):
 
     def solved_in_time(self) -> bool:
         """Say whether the target was in its place for long enough."""
-        share = self._held_share()
+        share = self._held.mean()
         return share is not None and share >= self.config.hold_share
 
-    def reward_terms(self, effort: float, *, succeeded: bool, harmed: bool) -> dict[str, float]:
-        """Return the weighted terms."""
-        terms = {
-            "centre": -float(np.tanh(self._centre_share / 0.1)),
-            "distance": -float(np.tanh(abs(self._distance_error_mm) / 10.0)),
-            "force": -self.excess_force_n(),
-            "effort": -(effort**2),
-            "success": float(succeeded),
-            "harm": -float(harmed),
-        }
-        return weighted(terms, self.config.rewards)
+    def reward_terms(self) -> dict[str, float]:
+        """Return the distance from the middle of the view, and the error of the working distance."""
+        return {"centre": nearness(self._centre_share, 0.1), "distance": nearness(abs(self._distance_error_mm), 10.0)}
 
     def task_info(self) -> Info:
         """Return the target's place in the view."""
@@ -183,21 +123,13 @@ class LookEnv(TaskEnv[LookConfig]):
 
     def metrics(self) -> dict[str, float | None]:
         """Return where the target was after the settling time."""
-        seen = bool(self._centre_shares)
         return {
-            "held_share": self._held_share(),
-            "centre_share_p95": float(np.percentile(self._centre_shares, 95)) if seen else None,
-            "centre_share_max": float(np.max(self._centre_shares)) if seen else None,
-            "distance_error_p95_mm": float(np.percentile(self._distance_errors_mm, 95)) if seen else None,
-            "distance_error_max_mm": float(np.max(self._distance_errors_mm)) if seen else None,
+            "held_share": self._held.mean(),
+            "centre_share_p95": self._centre.percentile(95),
+            "centre_share_max": self._centre.largest(),
+            "distance_error_p95_mm": self._distance.percentile(95),
+            "distance_error_max_mm": self._distance.largest(),
         }
-
-    def _held_share(self) -> float | None:
-        if not self._centre_shares:
-            return None
-        centred = np.array(self._centre_shares) <= self.config.max_centre_share
-        near = np.array(self._distance_errors_mm) <= self.config.max_distance_error_m * 1e3
-        return float(np.mean(centred & near))
 
     def _target_in_camera(self) -> Array:
         return transform_points(invert_transform(self.loop.theatre.world_from_camera()), self.target_in_world())

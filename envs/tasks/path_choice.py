@@ -1,15 +1,14 @@
 """Which line of the first frame becomes the path of a scan."""
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_capture import StripeCapture
-from laploop.envs.tasks.target_choice import TargetChoiceConfig, qualifying_pixels, shaft_is_clear
-from laploop.errors import InvalidValueError, SimulationError, check_range
+from laploop.envs.tasks.configs import PathChoiceConfig
+from laploop.envs.tasks.target_choice import qualifying_pixels, shaft_is_clear
+from laploop.errors import SimulationError
 from laploop.perception.geometry import Intrinsics
 
 Array = NDArray[np.float64]
@@ -21,42 +20,6 @@ _SHAFT_EVERY = 4
 """Room for the shaft is looked at over every so many points of the path."""
 _BESIDE_M = 0.002
 """Half the width of the strip along a path whose steepest place is compared."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class PathChoiceConfig:
-    """What makes a line a fair path: seen, lit, smooth, and within the tool's reach along all its length."""
-
-    length_m: float = 0.060
-    """On the surface."""
-    spacing_m: float = 0.002
-    """Between neighbouring points."""
-    max_turn_rad: float = np.deg2rad(14.0)
-    """From one stretch to the next; 14 degrees every 2 mm make circles of 8 mm."""
-    candidates: int = 4
-    """Of so many lines that qualify, the one with the least steep surroundings is taken; 1 takes the first."""
-    pixels: TargetChoiceConfig = field(
-        default_factory=lambda: TargetChoiceConfig(max_radius_m=0.040, max_tool_angle_rad=np.deg2rad(70.0))
-    )
-    """What each of its points must keep."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        check_range("length_m", self.length_m, 0.01, 0.3)
-        if not 0.0005 <= self.spacing_m <= 0.2 * self.length_m:
-            raise InvalidValueError("spacing_m", self.spacing_m, "0.0005 m to a fifth of length_m")
-        check_range("max_turn_rad", self.max_turn_rad, 0.0, 1.0)
-        if self.candidates < 1:
-            raise InvalidValueError("candidates", self.candidates, "an integer from 1")
-
-    @property
-    def points(self) -> int:
-        """Number of points of a path."""
-        return round(self.length_m / self.spacing_m) + 1
 
 
 def choose_path_pixels(

@@ -1,32 +1,11 @@
 """The reach task behind Gymnasium's interface."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import ClassVar
 
-from laploop.envs.tasks.reach_rewards import ReachRewardWeights, reach_reward_terms
-from laploop.envs.tasks.rewards import weighted
-from laploop.envs.tasks.task_config import TaskConfig
+from laploop.envs.tasks.configs import ReachConfig
+from laploop.envs.tasks.rewards import nearness
 from laploop.envs.tasks.task_env import Info, TaskEnv
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReachConfig(TaskConfig):
-    """What the reach task asks, and in which theatre."""
-
-    rewards: ReachRewardWeights = field(default_factory=ReachRewardWeights)
-    success_radius_m: float = 0.0015
-    success_hold_s: float = 0.3
-
-    def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            UnknownNameError: If a mode has an unknown name.
-            InvalidValueError: If a value is not positive.
-        """
-        super().__post_init__()
-        self.check_positive("success_radius_m", "success_hold_s")
 
 
 class ReachEnv(TaskEnv[ReachConfig]):
@@ -41,8 +20,9 @@ class ReachEnv(TaskEnv[ReachConfig]):
 
     ## Reward
 
-    Sum of the named terms in `info["reward_terms"]`: `distance`, `progress`, `contact`, `force`, `effort`, `success`,
-    `harm` (`ReachRewardWeights`).
+    Sum of the named terms in `info["reward_terms"]`, weighted by `ReachRewardWeights`: `distance` (minus tanh of the error over
+    20 mm), `progress` (mm gained, over 20 mm), `contact` (1 while the tip touches within the success radius), and `force`,
+    `effort`, `success`, `harm` as in every task.
 
     ## End
 
@@ -50,12 +30,7 @@ class ReachEnv(TaskEnv[ReachConfig]):
     with `rcm` when a shaft is more than 5 mm off its trocar. Truncated with `time` after `max_seconds`.
     """
 
-    task: ClassVar[str] = "reach"
-
-    @classmethod
-    def default_config(cls) -> ReachConfig:
-        """Return the task as it is by default."""
-        return ReachConfig()
+    config_type: ClassVar[type[ReachConfig]] = ReachConfig
 
     def target_error_mm(self) -> float:
         """Return the distance of the tip from an ideal touch of the target."""
@@ -67,24 +42,20 @@ class ReachEnv(TaskEnv[ReachConfig]):
         self._previous_error_mm: float = error_mm if begin else self._error_mm
         self._error_mm: float = error_mm
         within = not begin and error_mm <= self.config.success_radius_m * 1e3
-        self._held_ns: int = self._held_ns + self.config.loop.rates.control_ns if within else 0
+        self._held_ns: int = self._held_ns + self.config.loop.control_ns if within else 0
 
     def ended_by(self) -> str | None:
         """Return `success` once the tip has been held on the target."""
         return "success" if self._held_ns >= round(self.config.success_hold_s * 1e9) else None
 
-    def reward_terms(self, effort: float, *, succeeded: bool, harmed: bool) -> dict[str, float]:
-        """Return the weighted terms of `laploop.envs.tasks.reach_rewards`."""
-        terms = reach_reward_terms(
-            error_mm=self._error_mm,
-            previous_error_mm=self._previous_error_mm,
-            contact_force_n=self.loop.max_force_n,
-            alarm_force_n=self.config.alarm_force_n,
-            action_fraction=effort,
-            succeeded=succeeded,
-            harmed=harmed,
-        )
-        return weighted(terms, self.config.rewards)
+    def reward_terms(self) -> dict[str, float]:
+        """Return distance, progress and contact."""
+        touching = self.loop.max_force_n > 0.0 and self._error_mm < self.config.success_radius_m * 1e3
+        return {
+            "distance": nearness(self._error_mm, 20.0),
+            "progress": (self._previous_error_mm - self._error_mm) / 20.0,
+            "contact": float(touching),
+        }
 
     def task_info(self) -> Info:
         """Return the target error."""
@@ -92,4 +63,4 @@ class ReachEnv(TaskEnv[ReachConfig]):
 
     def assessed(self, infos: Sequence[Info]) -> Sequence[Info]:
         """Return the final hold: before it, the distance still to go says nothing about accuracy."""
-        return infos[-max(1, round(self.config.success_hold_s / self.config.loop.rates.control_s)) :]
+        return infos[-max(1, round(self.config.success_hold_s / self.config.loop.control_s)) :]

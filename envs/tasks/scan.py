@@ -1,7 +1,7 @@
 """The scanning task: along a line on the tissue at a constant distance."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,61 +10,17 @@ from numpy.typing import NDArray
 
 from laploop.assets.shafts import INSTRUMENT
 from laploop.control.messages import ControlInput
+from laploop.envs.tasks.configs import ScanConfig
 from laploop.envs.tasks.observations import Observation, bounded
-from laploop.envs.tasks.path_choice import PathChoiceConfig, choose_path_pixels, evenly
-from laploop.envs.tasks.rewards import weighted
+from laploop.envs.tasks.path_choice import choose_path_pixels, evenly
+from laploop.envs.tasks.rewards import nearness
+from laploop.envs.tasks.samples import Samples
 from laploop.envs.tasks.surface_path import PathFoot, SurfacePath
 from laploop.envs.tasks.surface_point import SurfacePoint
-from laploop.envs.tasks.task_config import TaskConfig
 from laploop.envs.tasks.task_env import Info, TaskEnv
 from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScanRewardWeights:
-    """What each term counts; a term's value times its weight is what `info["reward_terms"]` shows."""
-
-    distance: float = 1.0
-    progress: float = 1.0
-    standoff: float = 1.0
-    contact: float = 1.0
-    force: float = 0.5
-    effort: float = 0.02
-    success: float = 10.0
-    harm: float = 10.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class ScanConfig(TaskConfig):
-    """What the scanning task asks, and in which theatre."""
-
-    rewards: ScanRewardWeights = field(default_factory=ScanRewardWeights)
-    path: PathChoiceConfig = field(default_factory=PathChoiceConfig)
-    scope_distance_m: float | None = 0.080
-    """Near, where depth is best; 92 mm of tissue are in view there."""
-    max_seconds: float = 30.0
-    standoff_m: float = 0.003
-    """Between the ball end and the tissue."""
-    start_radius_m: float = 0.0015
-    """The scan begins when the tip is so near to its place above the start of the path."""
-    lost_radius_m: float = 0.006
-    """No progress is made with the tip farther than this from its place above the path."""
-    max_rms_m: float = 0.001
-    """Largest root mean square error of the stand-off of a scan that counts as a success."""
-    max_incidence_rad: float = np.deg2rad(10.0)
-    """Largest mean incidence of one."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            UnknownNameError: If a mode has an unknown name.
-            InvalidValueError: If a value is not positive.
-        """
-        super().__post_init__()
-        self.check_positive("standoff_m", "start_radius_m", "lost_radius_m", "max_rms_m", "max_incidence_rad")
 
 
 class ScanEnv(TaskEnv[ScanConfig]):
@@ -108,14 +64,10 @@ class ScanEnv(TaskEnv[ScanConfig]):
     Besides what every task says: `path_progress`, `standoff_error_mm`, `incidence_deg`, `shaft_incidence_deg`.
     """
 
-    task: ClassVar[str] = "scan"
+    config_type: ClassVar[type[ScanConfig]] = ScanConfig
+    reset_options: ClassVar[tuple[str, ...]] = ("path_pixels",)
     WINDOW_M: ClassVar[float] = 0.004
     """How far from the progress the foot is looked for."""
-
-    @classmethod
-    def default_config(cls) -> ScanConfig:
-        """Return the task as it is by default."""
-        return ScanConfig()
 
     def extra_spaces(self) -> dict[str, spaces.Box]:
         """Return the spaces of path and progress."""
@@ -138,7 +90,9 @@ class ScanEnv(TaskEnv[ScanConfig]):
         camera, truth = self.loop.rig.camera, self.first_view.truth
         depth_m = truth.depth_mm.astype(np.float64) * 1e-3
         if "path_pixels" in options:
-            drawn = self._checked_path(options["path_pixels"])
+            drawn = self.checked_pixels("path_pixels", options["path_pixels"])
+            if len(drawn) < 2:
+                raise InvalidValueError("path_pixels", drawn.tolist(), "2 or more pixels")
             # Straight in the image from pixel to pixel, and dense enough to follow the surface between them.
             places = np.linspace(0.0, len(drawn) - 1.0, 32 * (len(drawn) - 1) + 1)
             dense = np.stack([np.interp(places, np.arange(len(drawn)), drawn[:, axis]) for axis in range(2)], axis=-1)
@@ -174,8 +128,7 @@ class ScanEnv(TaskEnv[ScanConfig]):
         if begin:
             self._along_m = self._gained_m = 0.0
             self._started = False
-            self._standoff_errors_mm: list[float] = []
-            self._incidences_deg: list[float] = []
+            self._standoff, self._incidence = Samples(), Samples()
         tip = self.loop.theatre.tip_in_world()
         if self._started:
             self._foot = self._path.nearest(points, tip, self._along_m - self.WINDOW_M, self._along_m + self.WINDOW_M)
@@ -189,8 +142,8 @@ class ScanEnv(TaskEnv[ScanConfig]):
         self._gained_m = self._along_m - before
         self._measure_angles(self._foot, tip)
         if self._started and not begin:
-            self._standoff_errors_mm.append(self._standoff_error_mm)
-            self._incidences_deg.append(self._incidence_deg)
+            self._standoff.add(self._standoff_error_mm)
+            self._incidence.add(self._incidence_deg)
 
     def is_assessed(self) -> bool:
         """Count what comes after the tip has reached the start of the path."""
@@ -200,23 +153,19 @@ class ScanEnv(TaskEnv[ScanConfig]):
         """Return how good the scan was, once it is at its end."""
         if self._progress() < 1.0:
             return None
-        accurate = _rms(self._standoff_errors_mm) <= self.config.max_rms_m * 1e3
-        square = np.mean(self._incidences_deg) <= np.rad2deg(self.config.max_incidence_rad)
+        standoff, incidence = self._standoff.rms(), self._incidence.mean()
+        accurate = standoff is not None and standoff <= self.config.max_rms_m * 1e3
+        square = incidence is not None and incidence <= self._max_incidence_deg()
         return "success" if accurate and square else "inaccurate"
 
-    def reward_terms(self, effort: float, *, succeeded: bool, harmed: bool) -> dict[str, float]:
-        """Return the weighted terms."""
-        terms = {
-            "distance": -float(np.tanh(self._error_mm / 20.0)),
+    def reward_terms(self) -> dict[str, float]:
+        """Return distance, progress, error of the stand-off, and contact."""
+        return {
+            "distance": nearness(self._error_mm, 20.0),
             "progress": self._gained_m * 1e3,
-            "standoff": -float(np.tanh(abs(self._standoff_error_mm) / 2.0)) if self._started else 0.0,
+            "standoff": nearness(abs(self._standoff_error_mm), 2.0) if self._started else 0.0,
             "contact": -float(self.loop.max_force_n > 0.0),
-            "force": -self.excess_force_n(),
-            "effort": -(effort**2),
-            "success": float(succeeded),
-            "harm": -float(harmed),
         }
-        return weighted(terms, self.config.rewards)
 
     def task_info(self) -> Info:
         """Return errors and progress."""
@@ -230,19 +179,17 @@ class ScanEnv(TaskEnv[ScanConfig]):
 
     def metrics(self) -> dict[str, float | None]:
         """Return how much was scanned, and how well."""
-        seen = bool(self._standoff_errors_mm)
         return {
             "path_progress": self._progress(),
             "path_length_mm": self._path.length_m * 1e3,
-            "standoff_rms_mm": _rms(self._standoff_errors_mm) if seen else None,
-            "incidence_mean_deg": float(np.mean(self._incidences_deg)) if seen else None,
-            "incidence_p95_deg": float(np.percentile(self._incidences_deg, 95)) if seen else None,
-            "incidence_within_share": self._share_square() if seen else None,
+            "standoff_rms_mm": self._standoff.rms(),
+            "incidence_mean_deg": self._incidence.mean(),
+            "incidence_p95_deg": self._incidence.percentile(95),
+            "incidence_within_share": self._incidence.fraction_up_to(self._max_incidence_deg()),
         }
 
-    def _share_square(self) -> float:
-        """Return the share of the ticks with an incidence that the task allows."""
-        return float(np.mean(np.array(self._incidences_deg) <= np.rad2deg(self.config.max_incidence_rad)))
+    def _max_incidence_deg(self) -> float:
+        return float(np.rad2deg(self.config.max_incidence_rad))
 
     def _progress(self) -> float:
         """Return the share of the path that was scanned; its last half millimetre is given."""
@@ -258,16 +205,6 @@ class ScanEnv(TaskEnv[ScanConfig]):
         shaft = self.loop.theatre.world_from_shaft(self.loop.theatre.tool_arm)[:3, 2]
         self._shaft_incidence_deg = _angle_deg(-shaft, foot.normal)
 
-    def _checked_path(self, drawn: Any) -> Array:
-        camera = self.loop.rig.camera
-        path = np.array(drawn, dtype=np.float64)
-        allowed = f"2 or more pixels (column, row) within {camera.width} x {camera.height}"
-        if path.ndim != 2 or path.shape[1] != 2 or len(path) < 2 or not np.isfinite(path).all():
-            raise InvalidValueError("path_pixels", np.asarray(drawn).tolist(), allowed)
-        if not ((path >= 0.0) & (path < [camera.width, camera.height])).all():
-            raise InvalidValueError("path_pixels", path.tolist(), allowed)
-        return path
-
     @staticmethod
     def _refined(pixels: Array) -> Array:
         """Return a path with a point in the middle of every step."""
@@ -278,7 +215,3 @@ class ScanEnv(TaskEnv[ScanConfig]):
 def _angle_deg(vector: Array, unit: Array) -> float:
     cosine = float(vector @ unit) / max(float(np.linalg.norm(vector)), 1e-12)
     return float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
-
-
-def _rms(values: list[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

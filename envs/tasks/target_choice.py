@@ -1,43 +1,15 @@
 """Which pixel of the first frame becomes the target."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_capture import StripeCapture
-from laploop.errors import InvalidValueError, SimulationError
+from laploop.envs.tasks.task_config import TargetChoiceConfig
+from laploop.errors import SimulationError
 from laploop.perception.geometry import Intrinsics
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class TargetChoiceConfig:
-    """What makes a pixel a fair target: seen, lit, in the middle of the view, and not facing away from camera or tool."""
-
-    max_radius_m: float = 0.02
-    """Largest distance from the optical axis."""
-    max_slope_rad: float = np.deg2rad(40.0)
-    """Largest angle between the surface's normal and the viewing ray."""
-    max_tool_angle_rad: float = np.deg2rad(65.0)
-    """Largest angle between the normal and the direction to the tool's trocar."""
-    clearance_m: float = 0.004
-    """Room that the tool's shaft needs around its axis, from 10 mm above the target on."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            InvalidValueError: If a length is not positive or an angle not within 0 to 90 degrees.
-        """
-        for name in ("max_radius_m", "clearance_m"):
-            if getattr(self, name) <= 0.0:
-                raise InvalidValueError(name, getattr(self, name), "above 0")
-        for name in ("max_slope_rad", "max_tool_angle_rad"):
-            if not 0.0 < getattr(self, name) <= np.pi / 2:
-                raise InvalidValueError(name, getattr(self, name), "above 0, at most pi / 2")
 
 
 def choose_target_pixel(

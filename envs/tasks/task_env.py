@@ -3,7 +3,8 @@
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Generic, TypeVar
+from numbers import Integral
+from typing import Any, ClassVar, Generic, TypeVar, cast
 
 import gymnasium as gym
 import numpy as np
@@ -26,11 +27,12 @@ from laploop.envs.tasks.observations import (
     shows_depth,
     shows_stripes,
 )
+from laploop.envs.tasks.registry import task_spec
+from laploop.envs.tasks.rewards import weighted
 from laploop.envs.tasks.surface_point import SurfacePoint
 from laploop.envs.tasks.target_choice import choose_target_pixel
 from laploop.envs.tasks.task_config import TaskConfig
-from laploop.envs.theatre.config import TheatreConfig
-from laploop.errors import InvalidValueError, SimulationError
+from laploop.errors import InvalidValueError, SimulationError, UnknownNameError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.registry import make_estimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
@@ -66,8 +68,10 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     metadata = {"render_modes": []}  # noqa: RUF012  Gymnasium's own convention
 
-    task: ClassVar[str]
-    """The task's name."""
+    config_type: ClassVar[type[TaskConfig]]
+    """The task's configuration."""
+    reset_options: ClassVar[tuple[str, ...]] = ("target_pixel",)
+    """What `reset` takes in its options."""
     moves_scope: ClassVar[bool] = False
     """Whether actions move the camera arm in place of the tool arm."""
 
@@ -88,17 +92,22 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
         Raises:
             UnknownNameError: If no estimator has that name.
+            InvalidValueError: If the configuration is another task's, or the estimator has no `estimate`.
         """
-        self.config = config or self.default_config()
-        scope = self.config.loop.scope
+        if config is not None and not isinstance(config, self.config_type):
+            raise InvalidValueError("config", type(config).__name__, f"a {self.config_type.__name__}")
+        self.config: ConfigT = config or cast("Any", self.config_type)()
+        scope = self.config.loop.theatre.scope
         estimator = make_estimator(perception, Rig.from_optics(scope)) if isinstance(perception, str) else perception
+        if isinstance(estimator, type) or not isinstance(estimator, DepthEstimator):
+            raise InvalidValueError("perception", estimator, "name of an estimator, or an object with estimate(image)")
         self.loop = ClosedLoop(
             self.config.loop, estimator, recorder, moves_scope=self.moves_scope, locate_target=self.target_in_world
         )
         if self.config.action_mode == "residual" and controller is None:
             from laploop.control.controllers.registry import make_controller
 
-            controller = make_controller(self.task, self.loop.rig)
+            controller = make_controller(task_spec(self.task).controller, self.loop.rig)
         self._interpreter = ActionInterpreter(self.config, self.loop, controller, yields=not self.moves_scope)
         self.action_space = action_space(self.config)
         self.observation_space = observation_space(
@@ -106,15 +115,16 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         )
         self._running = False
         self._target: SurfacePoint | None = None
+        self.target_pixel: Array = np.full(2, np.nan)
         self._measured: ServedFrame | None = None
         self._depth_mae_mm = self._depth_valid_fraction = float("nan")
 
-    # What a task says.
+    @property
+    def task(self) -> str:
+        """The task's name."""
+        return self.config.kind
 
-    @classmethod
-    @abstractmethod
-    def default_config(cls) -> ConfigT:
-        """Return the configuration of an environment that was given none."""
+    # What a task says.
 
     def extra_spaces(self) -> dict[str, spaces.Box]:
         """Return the spaces of the task's own observations."""
@@ -126,13 +136,10 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     def choose_target(self, rng: np.random.Generator, options: Mapping[str, Any]) -> None:
         """Choose the target in the first frame: a pixel of `options`, or one drawn from those that qualify."""
+        camera = self.loop.rig.camera
         if "target_pixel" in options:
-            column, row = (int(value) for value in options["target_pixel"])
-            camera = self.loop.rig.camera
-            if not (0 <= column < camera.width and 0 <= row < camera.height):
-                raise InvalidValueError("target_pixel", (column, row), f"within {camera.width} x {camera.height} pixels")
+            column, row = self.checked_pixels("target_pixel", options["target_pixel"])[0].astype(int).tolist()
         else:
-            camera = self.loop.rig.camera
             column, row = choose_target_pixel(self.first_view.truth, camera, self.trocar_in_camera(), rng, self.config.target)
         self.set_target(self.surface_point(column, row), np.array([column + 0.5, row + 0.5]))
 
@@ -153,8 +160,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         return False
 
     @abstractmethod
-    def reward_terms(self, effort: float, *, succeeded: bool, harmed: bool) -> dict[str, float]:
-        """Return the weighted terms of one control period; `effort` is the commanded speed over the largest allowed one."""
+    def reward_terms(self) -> dict[str, float]:
+        """Return the task's own terms of one control period, unweighted; those that all tasks share come on top."""
 
     def task_info(self) -> Info:
         """Return the task's own part of `info`."""
@@ -179,31 +186,28 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             options: `{"target_pixel": (column, row)}` chooses the target by hand.
 
         Raises:
-            InvalidValueError: If the chosen pixel shows no tissue.
+            UnknownNameError: If there is no such option.
+            InvalidValueError: If the seed is not an integer from 0 on, or the chosen pixel shows no tissue.
         """
-        super().reset(seed=seed)
+        given: Any = seed
+        if given is not None and (isinstance(given, bool) or not isinstance(given, Integral) or not 0 <= int(given) < 2**63):
+            raise InvalidValueError("seed", given, "an integer from 0 to 2**63 - 1, or None")
+        if options is not None and not isinstance(options, Mapping):
+            raise InvalidValueError("options", options, "a mapping, or None")
+        for name in options or {}:
+            if name not in self.reset_options:
+                raise UnknownNameError("option of reset", name, self.reset_options)
+        super().reset(seed=None if seed is None else int(seed))
         self._running = False
         theatre_rng, target_rng = self.np_random.spawn(2)
-        tissue_seed = self.config.tissue_seed
-        if tissue_seed is None:
-            tissue_seed = int(theatre_rng.integers(2**31)) if seed is None else seed
-        rates = self.config.loop.rates
-        theatre_config = TheatreConfig(
-            seed=tissue_seed,
-            motion=self.config.motion,
-            travel=self.config.travel,
-            actuation=self.config.loop.actuation,
-            trocar=self.config.loop.trocar,
-            working_distance_m=self.config.scope_distance_m,
-            tissue=self.config.tissue,
-            timestep_s=rates.physics_s,
-            control_period_s=rates.control_s,
-            optics=self.config.loop.scope,
-        )
-        self._interpreter.reset()
-        # The target is a material point of the first frame, so its vertices are those at time 0, before the loop runs on.
+        theatre_seed = int(theatre_rng.integers(2**31)) if seed is None else int(seed)
+        # The target is chosen in the first frame, at time 0, before the loop runs on.
         self._target = None
-        self.loop.reset(theatre_config, theatre_rng, at_first_frame=lambda: self.choose_target(target_rng, options or {}))
+        self.loop.reset(
+            theatre_rng,
+            theatre_seed=theatre_seed,
+            at_first_frame=lambda: self.choose_target(target_rng, options or {}),
+        )
         self.measure(begin=True)
         self._running = True
         info = self._info(reward_terms={}, terminated_by=None, succeeded=False)
@@ -218,7 +222,10 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         """
         if not self._running:
             raise SimulationError("the episode has ended or not begun; call reset() first")
-        velocity = self._interpreter.velocity(checked_action(action, self.config), self.control_input)
+        checked = checked_action(action, self.config)
+        # Whatever goes wrong from here on, an estimator that raises for example, leaves an episode that cannot go on.
+        self._running = False
+        velocity = self._interpreter.velocity(checked, self.control_input)
         if self.moves_scope:
             self.loop.advance(np.zeros(3), velocity)
         else:
@@ -227,9 +234,13 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         terminated_by = self._harm() or self.ended_by()
         truncated = terminated_by is None and self.loop.now_ns >= round(self.config.max_seconds * 1e9)
         succeeded = self.solved_in_time() if truncated else terminated_by == "success"
-        terms = self.reward_terms(
-            float(np.linalg.norm(velocity)) / self.config.max_tip_speed, succeeded=succeeded, harmed=terminated_by in HARMS
-        )
+        shared_terms = {
+            "force": -self.excess_force_n(),
+            "effort": -((float(np.linalg.norm(velocity)) / self.config.max_tip_speed_mps) ** 2),
+            "success": float(succeeded),
+            "harm": -float(terminated_by in HARMS),
+        }
+        terms = weighted({**self.reward_terms(), **shared_terms}, self.config.rewards)
         info = self._info(terms, "time" if truncated else terminated_by, succeeded=succeeded)
         self._record_tick(info)
         self._running = terminated_by is None and not truncated
@@ -278,6 +289,22 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self._target = target
         self.target_pixel = pixel
 
+    def checked_pixels(self, name: str, pixels: Any) -> Array:
+        """Return one or more pixels that an option of `reset` names, (n, 2), all within the image.
+
+        Raises:
+            InvalidValueError: If they are not pairs of numbers, or lie outside.
+        """
+        camera = self.loop.rig.camera
+        try:
+            array = np.atleast_2d(np.asarray(pixels))
+        except ValueError:
+            array = np.empty(0)
+        fits = array.dtype.kind in "fiu" and array.ndim == 2 and array.shape[1] == 2
+        if not fits or not ((array >= 0.0) & (array < [camera.width, camera.height])).all():
+            raise InvalidValueError(name, pixels, f"(column, row) within {camera.width} x {camera.height} pixels")
+        return array.astype(np.float64)
+
     def surface_point(self, column: float, row: float) -> SurfacePoint:
         """Return the point of the tissue that the centre of a pixel shows now."""
         world_from_camera = self.loop.theatre.world_from_camera()
@@ -325,14 +352,12 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         if served is None or newest is None:
             raise SimulationError("no frame yet")
         known = self.control_input()
-        rotation = self.loop.theatre.world_from_camera()[:3, :3]
-        force = rotation.T @ self.loop.reading().contact_force_in_world
         observation: Observation = {"stripes": newest.frame.image.copy()} if shows_stripes(mode) else {}
         if shows_depth(mode):
             observation |= depth_observation(served, self.loop.now_ns)
         observation["tip_position"] = bounded(known.tip_in_camera, -1.0, 1.0)
         observation["tip_velocity"] = bounded(known.tip_velocity_in_camera, -1.0, 1.0)
-        observation["contact_force"] = bounded(force, -MAX_FORCE_N, MAX_FORCE_N)
+        observation["contact_force"] = bounded(known.contact_force_in_camera, -MAX_FORCE_N, MAX_FORCE_N)
         observation["target_pixel"] = self.target_pixel.astype(np.float32)
         if mode == "state":
             camera_from_world = invert_transform(self.loop.theatre.world_from_camera())

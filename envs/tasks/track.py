@@ -1,53 +1,14 @@
 """The tracking task: a constant distance over a point of moving tissue."""
 
-from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
 
 from laploop.assets.shafts import INSTRUMENT
-from laploop.envs.tasks.rewards import weighted
-from laploop.envs.tasks.task_config import TaskConfig
+from laploop.envs.tasks.configs import TrackConfig
+from laploop.envs.tasks.rewards import nearness
+from laploop.envs.tasks.samples import Samples
 from laploop.envs.tasks.task_env import Info, TaskEnv
-from laploop.envs.theatre.organ_motion import BaseMotion
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrackRewardWeights:
-    """What each term counts; a term's value times its weight is what `info["reward_terms"]` shows."""
-
-    distance: float = 1.0
-    normal: float = 1.0
-    contact: float = 1.0
-    force: float = 0.5
-    effort: float = 0.02
-    success: float = 10.0
-    harm: float = 10.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrackConfig(TaskConfig):
-    """What the tracking task asks, and in which theatre."""
-
-    motion: BaseMotion = field(default_factory=lambda: BaseMotion.named("both"))
-    rewards: TrackRewardWeights = field(default_factory=TrackRewardWeights)
-    max_seconds: float = 20.0
-    standoff_m: float = 0.003
-    """Between the ball end and the tissue."""
-    settle_s: float = 10.0
-    """Until then nothing counts: the tip must get there, and a predictor learn the motion."""
-    max_rms_m: float = 0.001
-    """Largest root mean square error along the normal of an episode that counts as a success."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            UnknownNameError: If a mode has an unknown name.
-            InvalidValueError: If a value is not positive.
-        """
-        super().__post_init__()
-        self.check_positive("standoff_m", "settle_s", "max_rms_m")
 
 
 class TrackEnv(TaskEnv[TrackConfig]):
@@ -75,12 +36,7 @@ class TrackEnv(TaskEnv[TrackConfig]):
     Besides what every task says: `normal_error_mm` (signed, positive too far away) and `lateral_error_mm`.
     """
 
-    task: ClassVar[str] = "track"
-
-    @classmethod
-    def default_config(cls) -> TrackConfig:
-        """Return the task as it is by default."""
-        return TrackConfig()
+    config_type: ClassVar[type[TrackConfig]] = TrackConfig
 
     def target_error_mm(self) -> float:
         """Return the distance of the tip from its place above the target."""
@@ -88,18 +44,17 @@ class TrackEnv(TaskEnv[TrackConfig]):
         return float(np.linalg.norm(offset - (self.config.standoff_m + INSTRUMENT.tip_radius_m) * normal)) * 1e3
 
     def measure(self, *, begin: bool) -> None:
-        """Split the error into its parts along and across the normal, and add them up once they count."""
+        """Split the error into its parts along and across the normal, and keep them once they are assessed."""
         offset, normal, _ = self.target_offset()
         error = (offset - (self.config.standoff_m + INSTRUMENT.tip_radius_m) * normal) * 1e3
         self._error_mm = float(np.linalg.norm(error))
         self._normal_error_mm = float(error @ normal)
         self._lateral_error_mm = float(np.linalg.norm(error - self._normal_error_mm * normal))
         if begin:
-            self._normal_errors_mm: list[float] = []
-            self._lateral_errors_mm: list[float] = []
+            self._normal, self._lateral = Samples(), Samples()
         elif self.is_assessed():
-            self._normal_errors_mm.append(self._normal_error_mm)
-            self._lateral_errors_mm.append(self._lateral_error_mm)
+            self._normal.add(self._normal_error_mm)
+            self._lateral.add(self._lateral_error_mm)
 
     def is_assessed(self) -> bool:
         """Count what comes after the settling time."""
@@ -107,21 +62,16 @@ class TrackEnv(TaskEnv[TrackConfig]):
 
     def solved_in_time(self) -> bool:
         """Say whether the error along the normal has been small enough."""
-        errors = self._normal_errors_mm
-        return bool(errors) and _rms(errors) <= self.config.max_rms_m * 1e3
+        rms = self._normal.rms()
+        return rms is not None and rms <= self.config.max_rms_m * 1e3
 
-    def reward_terms(self, effort: float, *, succeeded: bool, harmed: bool) -> dict[str, float]:
-        """Return the weighted terms."""
-        terms = {
-            "distance": -float(np.tanh(self._error_mm / 20.0)),
-            "normal": -float(np.tanh(abs(self._normal_error_mm) / 2.0)),
+    def reward_terms(self) -> dict[str, float]:
+        """Return distance, error along the normal, and contact."""
+        return {
+            "distance": nearness(self._error_mm, 20.0),
+            "normal": nearness(abs(self._normal_error_mm), 2.0),
             "contact": -float(self.loop.max_force_n > 0.0),
-            "force": -self.excess_force_n(),
-            "effort": -(effort**2),
-            "success": float(succeeded),
-            "harm": -float(harmed),
         }
-        return weighted(terms, self.config.rewards)
 
     def task_info(self) -> Info:
         """Return the errors."""
@@ -133,13 +83,8 @@ class TrackEnv(TaskEnv[TrackConfig]):
 
     def metrics(self) -> dict[str, float | None]:
         """Return the errors' root mean squares after the settling time."""
-        seen = bool(self._normal_errors_mm)
         return {
-            "normal_rms_mm": _rms(self._normal_errors_mm) if seen else None,
-            "normal_max_mm": float(np.abs(self._normal_errors_mm).max()) if seen else None,
-            "lateral_rms_mm": _rms(self._lateral_errors_mm) if seen else None,
+            "normal_rms_mm": self._normal.rms(),
+            "normal_max_mm": self._normal.largest(),
+            "lateral_rms_mm": self._lateral.rms(),
         }
-
-
-def _rms(values: list[float]) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

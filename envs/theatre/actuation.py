@@ -27,11 +27,11 @@ class ActuationConfig:
     a first-order lag. The defaults have none of this: servos extrapolate the target by its velocity.
     """
 
-    cycle_ns: Annotated[int, Field(ge=0, le=100_000_000)] = 0
-    """Period of the robot's controller; 0 for none."""
-    delay_ns: Annotated[int, Field(ge=0, le=1_000_000_000)] = 0
+    cycle_ms: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
+    """Period of the robot's controller, whole physics steps; 0 for none."""
+    delay_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
     """From the cycle in which a target takes effect to the first motion; rounded up to whole physics steps."""
-    lag_ns: Annotated[int, Field(ge=0, le=1_000_000_000)] = 0
+    lag_ms: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
     """Time constant of the first-order lag."""
     max_speed_rad_s: Annotated[float, Field(gt=0.0, le=100.0)] | None = None
     """Limit of every joint's speed."""
@@ -41,8 +41,8 @@ class ActuationConfig:
     def __post_init__(self) -> None:
         """Refuse a delay, a lag or a limit without a cycle."""
         limited = self.max_speed_rad_s is not None or self.max_angle_rad is not None
-        if self.cycle_ns == 0 and (self.delay_ns or self.lag_ns or limited):
-            raise InvalidValueError("cycle_ns", 0, "above 0 where there is a delay, a lag or a limit")
+        if self.cycle_ms == 0.0 and (self.delay_ms or self.lag_ms or limited):
+            raise InvalidValueError("cycle_ms", 0, "above 0 where there is a delay, a lag or a limit")
 
     @classmethod
     def named(cls, name: str) -> "ActuationConfig":
@@ -59,10 +59,35 @@ class ActuationConfig:
             raise UnknownNameError("actuation", name, get_args(ActuationName))
         if name == "ideal":
             return cls()
-        limited = cls(cycle_ns=8_000_000, max_speed_rad_s=math.pi, max_angle_rad=2.0 * math.pi)
+        limited = cls(cycle_ms=8.0, max_speed_rad_s=math.pi, max_angle_rad=2.0 * math.pi)
         if name == "ur5-cb":
-            return replace(limited, delay_ns=35_000_000, lag_ns=30_000_000)
-        return replace(limited, cycle_ns=2_000_000, delay_ns=34_000_000, lag_ns=20_000_000)
+            return replace(limited, delay_ms=35.0, lag_ms=30.0)
+        return replace(limited, cycle_ms=2.0, delay_ms=34.0, lag_ms=20.0)
+
+    def check_timestep(self, timestep_ns: int) -> None:
+        """Check that the robot's cycle is a whole number of physics steps.
+
+        Raises:
+            InvalidValueError: If it is not.
+        """
+        if self.cycle_ns % timestep_ns:
+            step = f"{timestep_ns * 1e-6:g} ms"
+            raise InvalidValueError("cycle_ms", self.cycle_ms, f"a multiple of the physics step, {step}")
+
+    @property
+    def cycle_ns(self) -> int:
+        """Period of the robot's controller in nanoseconds."""
+        return round(self.cycle_ms * 1e6)
+
+    @property
+    def delay_ns(self) -> int:
+        """The delay in nanoseconds."""
+        return round(self.delay_ms * 1e6)
+
+    @property
+    def lag_ns(self) -> int:
+        """The time constant in nanoseconds."""
+        return round(self.lag_ms * 1e6)
 
     @property
     def lead_ns(self) -> int:
@@ -97,8 +122,7 @@ class Actuation:
         Raises:
             InvalidValueError: If the robot's cycle is not a whole number of physics steps, or q lies beyond its limit.
         """
-        if config.cycle_ns % timestep_ns:
-            raise InvalidValueError("cycle_ns", config.cycle_ns, f"a multiple of the physics step, {timestep_ns} ns")
+        config.check_timestep(timestep_ns)
         self.config = config
         self._timestep_ns = timestep_ns
         self._control_steps = control_steps

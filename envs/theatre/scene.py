@@ -58,7 +58,9 @@ class Scene:
     working_distance_m: float
 
 
-def build_scene(config: TheatreConfig, rng: np.random.Generator, solid: TissueMesh | None = None) -> Scene:
+def build_scene(
+    config: TheatreConfig, rng: np.random.Generator, *, timestep_s: float, solid: TissueMesh | None = None
+) -> Scene:
     """Compose and compile the theatre of a configuration; `solid` is a phantom in place of the configuration's."""
     layout = config.layout
     mesh, mean_height, top_height = _tissue(config.tissue, rng, solid)
@@ -71,7 +73,14 @@ def build_scene(config: TheatreConfig, rng: np.random.Generator, solid: TissueMe
     scope_trocar = np.array([0.0, 0.0, layout.wall_z_m])
     tool_trocar = np.array([layout.tool_trocar_x_m, 0.0, layout.wall_z_m])
     bases = _bases(layout)
-    model = _compile(config, mesh, bases=bases, trocars={"scope_trocar": scope_trocar, "tool_trocar": tool_trocar}, stage=stage)
+    model = _compile(
+        config,
+        mesh,
+        timestep_s=timestep_s,
+        bases=bases,
+        trocars={"scope_trocar": scope_trocar, "tool_trocar": tool_trocar},
+        stage=stage,
+    )
     scope_pose = _transform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, layout.scope_tip_z_m]))
     return Scene(
         model=model,
@@ -125,12 +134,18 @@ def _check_room(stage: Array, top_height: float, layout: TheatreLayout) -> None:
 
 
 def _compile(
-    config: TheatreConfig, mesh: TissueMesh, *, bases: dict[str, Array], trocars: dict[str, Array], stage: Array
+    config: TheatreConfig,
+    mesh: TissueMesh,
+    *,
+    timestep_s: float,
+    bases: dict[str, Array],
+    trocars: dict[str, Array],
+    stage: Array,
 ) -> Any:
     spec = build_operating_table(wall_height_m=config.layout.wall_z_m, trocars=trocars)
     spec.modelname = "theatre"
     spec.compiler.fusestatic = False
-    spec.option.timestep = config.timestep_s
+    spec.option.timestep = timestep_s
     # Tissue elasticity needs the discrete integrator. In contact, Newton needs one or two iterations where conjugate
     # gradients need ten, or, against a hard contact with friction, a hundred.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
@@ -142,7 +157,7 @@ def _compile(
     spec.option.iterations = 300
     spec.memory = 400 * 2**20
     for name, prefix, held in (
-        (CAMERA_ARM, SCOPE_PREFIX, build_laparoscope(optics=config.optics)),
+        (CAMERA_ARM, SCOPE_PREFIX, build_laparoscope(optics=config.scope)),
         (TOOL_ARM, INSTRUMENT_PREFIX, build_instrument()),
     ):
         arm = build_ur5()

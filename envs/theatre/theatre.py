@@ -9,6 +9,7 @@ from laploop.assets.laparoscope import CAMERA, PROJECTOR
 from laploop.assets.tissue_mesh import TissueMesh
 from laploop.envs.theatre.actuation import Actuation
 from laploop.envs.theatre.arm import Arm
+from laploop.envs.theatre.clock_rates import ClockRates
 from laploop.envs.theatre.config import TheatreConfig
 from laploop.envs.theatre.scene import (
     CAMERA_ARM,
@@ -38,11 +39,25 @@ class Theatre:
     of the last `refresh` (or one physics step old after `step`, as MuJoCo leaves them).
     """
 
-    def __init__(self, config: TheatreConfig, *, solid: TissueMesh | None = None) -> None:
-        """Build, compile and settle the theatre of a configuration; `solid` is a phantom in place of the configuration's."""
-        shape_rng, motion_rng = np.random.default_rng(config.seed).spawn(2)
-        scene = build_scene(config, shape_rng, solid)
+    def __init__(
+        self, config: TheatreConfig, rates: ClockRates | None = None, *, seed: int = 0, solid: TissueMesh | None = None
+    ) -> None:
+        """Build, compile and settle a theatre.
+
+        Args:
+            config: What it is made of.
+            rates: The physics step, and the control period over which a joint target is extrapolated by its velocity.
+            seed: Decides the tissue, the phases of its motion and where the tip starts, unless the configuration does.
+            solid: A phantom in place of the configuration's.
+
+        Raises:
+            InvalidValueError: If trocar or actuation do not fit the physics step.
+        """
         self.config = config
+        self.rates = rates or ClockRates()
+        config.check_timestep(self.rates.physics_ns)
+        shape_rng, motion_rng = np.random.default_rng(seed if config.seed is None else config.seed).spawn(2)
+        scene = build_scene(config, shape_rng, timestep_s=self.rates.physics_s, solid=solid)
         self.motion = config.motion.with_phases(motion_rng)
         self.working_distance_m = scene.working_distance_m
         self.camera_arm = scene.camera_arm
@@ -69,7 +84,7 @@ class Theatre:
     @property
     def now_ns(self) -> int:
         """Simulated time in whole nanoseconds."""
-        return self._steps * self.config.timestep_ns
+        return self._steps * self.rates.physics_ns
 
     def reset(self) -> None:
         """Go back to time 0: arms at home and at rest, tissue settled under its weight."""
@@ -80,8 +95,8 @@ class Theatre:
             self._references[arm.name] = Actuation(
                 self.config.actuation,
                 q=arm.home_q,
-                timestep_ns=self.config.timestep_ns,
-                control_steps=self.config.control_steps,
+                timestep_ns=self.rates.physics_ns,
+                control_steps=self.rates.physics_steps_per_control,
             )
             self.data.ctrl[arm.actuator_indices] = arm.home_q
         self._place_stage()
@@ -202,7 +217,7 @@ class Theatre:
             self.data.qpos[arm.qpos_indices] = arm.home_q
             self.data.ctrl[arm.actuator_indices] = arm.home_q
         self._place_stage()
-        for step in range(round(_SETTLE_LIMIT_S / self.config.timestep_s)):
+        for step in range(round(_SETTLE_LIMIT_S / self.rates.physics_s)):
             mujoco.mj_step(self.model, self.data)
             if step % 10 == 0 and np.abs(self.data.qvel).max() < _AT_REST_M_S:
                 break

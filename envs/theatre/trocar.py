@@ -58,7 +58,7 @@ class TrocarConfig:
         """Whether there is any force."""
         return max(self.stiffness_n_m, self.damping_ns_m, self.friction_n) > 0.0
 
-    def check_timestep(self, timestep_s: float) -> None:
+    def check_timestep(self, timestep_ns: int) -> None:
         """Check that the forces, held constant over each physics step, keep the arm stable.
 
         A mass m on a spring k with damping c is stable under semi-implicit Euler steps h while `h^2 k + 2 h c < 4 m`; a
@@ -67,6 +67,7 @@ class TrocarConfig:
         Raises:
             InvalidValueError: If wall or seal is too stiff for the step.
         """
+        timestep_s = timestep_ns * 1e-9
         for name, stiffness, damping, least_mass in (
             ("stiffness_n_m and damping_ns_m", self.stiffness_n_m, self.damping_ns_m, _LEAST_MASS_KG),
             ("friction_n over presliding_m", self.friction_n / self.presliding_m, 0.0, _LEAST_MASS_ALONG_KG),

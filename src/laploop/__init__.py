@@ -12,5 +12,5 @@ from laploop.envs.tasks.registry import TASKS, environment_id
 __version__ = version("laploop")
 __all__ = ["__version__"]
 
-for _task, _entry_point in TASKS.items():
-    register(id=environment_id(_task), entry_point=_entry_point)
+for _task in TASKS.names():
+    register(environment_id(_task), entry_point="laploop.envs.tasks.registry:make_environment", kwargs={"task": _task})

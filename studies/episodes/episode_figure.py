@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from laploop.envs.recording.episode_log import EpisodeLog
 from laploop.envs.recording.recorder import DepthRecord
-from laploop.envs.tasks.reach import ReachConfig
+from laploop.envs.tasks.configs import ReachConfig
 from laploop.studies.figure_style import BLUE, GREY, ORANGE, RED, draw_grid, draw_limit, figure_page
 
 SUCCESS_RADIUS_MM = ReachConfig.success_radius_m * 1e3

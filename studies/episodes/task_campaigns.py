@@ -2,16 +2,15 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from laploop.envs.episode import EpisodeConfig
+from laploop.envs.episode_config import OWN, EpisodeConfig
+from laploop.envs.tasks.criteria import Criterion, Statistic
+from laploop.envs.tasks.registry import TASKS, task_spec
 from laploop.studies.episodes.trials import Row, wilson_interval
-
-Statistic = Literal["mean", "rms", "max", "min"]
-"""How the episodes' values become one."""
 
 TROCAR = "trocar error, worst of both arms"
 FORCE = "contact force"
@@ -25,30 +24,19 @@ _SOLVER_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Check:
-    """One number of a campaign, and what is asked of it, if anything."""
+class Check(Criterion):
+    """One number of a campaign, and its bound, if it has one.
 
-    name: str
-    column: str
-    """Of a row: one of its own, one in its `metrics` or `limits`, or `rcm_mm` or `limit_share`, the worst of several."""
-    unit: str = ""
-    statistic: Statistic = "max"
-    at_most: float | None = None
-    at_least: float | None = None
+    Its column is a row's own, one in its `metrics` or `limits`, or `rcm_mm` or `limit_share`, the worst of several.
+    """
+
     relative_to: str | None = None
     """Another campaign: the number is then how many times as large the statistic is there as here."""
 
-    def bar(self) -> str:
-        """Return what is asked in words; empty for nothing."""
-        unit = f" {self.unit}" if self.unit else ""
-        if self.at_most is not None:
-            return f"at most {self.at_most:.3g}{unit}"
-        return "" if self.at_least is None else f"at least {self.at_least:.3g}{unit}"
-
     def result(self, rows: Sequence[Row], others: Mapping[str, Sequence[Row]]) -> dict[str, Any]:
-        """Return the number, whether it is as asked, and its spread over the episodes.
+        """Return the number, whether it meets its bound, and its spread over the episodes.
 
-        An episode without a value, as one that ended before there was anything to measure, fails what is asked.
+        An episode without a value, because it ended before there was anything to measure, does not meet a bound.
 
         Args:
             rows: Of the campaign.
@@ -84,20 +72,20 @@ class Check:
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """Episodes that differ in their seed alone, and what is looked at."""
+    """Episodes that differ in their seed alone, and what is measured of them."""
 
     name: str
-    about: str
-    """In words, what the name does not say."""
     episode: EpisodeConfig
     checks: tuple[Check, ...]
     """The task's own."""
+    about: str = ""
+    """In words, what the name does not say."""
     max_force_n: float | None = None
-    """Asked of the force on the tip; None only measures it."""
+    """Bound of the force on the tip; None only measures it."""
 
     def common_checks(self) -> tuple[Check, ...]:
-        """Return what is looked at in every campaign."""
-        ideal = self.episode.actuation == "ideal"
+        """Return what is measured in every campaign."""
+        ideal = self.episode.actuation_name() == "ideal"
         return (
             Check(name=TROCAR, column="rcm_mm", unit="mm", at_most=0.2 if ideal else 0.5),
             Check(name="force at a trocar, sideways", column="port_force_n", unit="N"),
@@ -116,11 +104,11 @@ class Campaign:
         return {
             "campaign": self.name,
             "about": self.about,
-            "task": self.episode.task,
-            "perception": self.episode.perception,
+            "task": self.episode.task.kind,
+            "perception": self.episode.perception.name,
             "motion": self.episode.motion_name(),
-            "actuation": self.episode.actuation,
-            "prediction": self.episode.prediction,
+            "actuation": self.episode.actuation_name(),
+            "prediction": None if self.episode.predictor.name == OWN else self.episode.predictor.name,
             "episodes": len(rows),
             "errors": errors,
             "successes": successes,
@@ -162,114 +150,90 @@ def _statistic(values: Sequence[float], name: Statistic) -> float | None:
             return min(values)
 
 
-def _unasked(checks: Sequence[Check]) -> tuple[Check, ...]:
-    return tuple(replace(check, at_most=None, at_least=None) for check in checks if check.relative_to is None)
-
-
-def _reach(success: float, error_mm: float | None) -> tuple[Check, ...]:
-    return (
-        Check(name="success", column="success", statistic="mean", at_least=success),
-        Check(name="final error", column="final_error_mm", unit="mm", statistic="mean", at_most=error_mm),
+def own_checks(task: str, **bounds: float) -> tuple[Check, ...]:
+    """Return the criteria of a task, with other bounds for those columns that are named."""
+    return tuple(
+        Check(**asdict(one) | _bound(one, bounds[one.column]) if one.column in bounds else asdict(one))
+        for one in task_spec(task).criteria
     )
 
 
-def _track(rms_mm: float, without: str) -> tuple[Check, ...]:
-    along, across = "RMS error along the normal", "RMS error across it"
-    return (
-        Check(name=along, column="normal_rms_mm", unit="mm", statistic="rms", at_most=rms_mm),
-        Check(name=across, column="lateral_rms_mm", unit="mm", statistic="rms"),
-        Check(name=f"gain over {without}", column="normal_rms_mm", statistic="rms", at_least=3.0, relative_to=without),
-    )
+def _bound(criterion: Criterion, value: float) -> dict[str, Any]:
+    return {"at_most": value} if criterion.at_least is None else {"at_least": value}
 
 
-_PALPATE = (
-    Check(name="success", column="success", statistic="mean"),
-    Check(name="share of the hold time in the band", column="in_band_share", statistic="min", at_least=0.95),
-    Check(name="force over the last hold time", column="force_mean_n", unit="N", statistic="mean"),
-)
-_SCAN = (
-    Check(name="RMS of the stand-off", column="standoff_rms_mm", unit="mm", statistic="rms", at_most=0.7),
-    Check(name="incidence, mean", column="incidence_mean_deg", unit="deg", statistic="mean"),
-    Check(name="incidence, 95th percentile of the worst", column="incidence_p95_deg", unit="deg", at_most=10.0),
-    Check(name="share of the scan within 10 deg", column="incidence_within_share", statistic="mean"),
-    Check(name="length of the path", column="path_length_mm", unit="mm", statistic="min", at_least=59.5),
-    Check(name="share of the path scanned", column="path_progress", statistic="min", at_least=1.0),
-)
-_LOOK = (
-    Check(name="offset from the middle, greatest", column="centre_share_max", unit="of the width", at_most=0.05),
-    Check(name="the same, mean 95th percentile", column="centre_share_p95", unit="of the width", statistic="mean"),
-    Check(name="error of the working distance, greatest", column="distance_error_max_mm", unit="mm", at_most=5.0),
-    Check(name="the same, mean 95th percentile", column="distance_error_p95_mm", unit="mm", statistic="mean"),
-)
+def _unbounded(checks: Sequence[Check]) -> tuple[Check, ...]:
+    return tuple(replace(check, at_most=None, at_least=None) for check in checks)
 
-_TRACK_EPISODE = EpisodeConfig(
-    task="track",
-    motion="both",
-    seconds=14.0,
-    perception="compact",
-    perception_latency_ns=40_000_000,
-    transfer_latency_ns=60_000_000,
-)
+
+_UNPREDICTED = "track-oracle-unpredicted"
+_GAIN = Check(name=f"gain over {_UNPREDICTED}", column="normal_rms_mm", statistic="rms", at_least=3.0, relative_to=_UNPREDICTED)
+_REACH, _TRACK, _PALPATE, _SCAN, _LOOK = (own_checks(task) for task in ("reach", "track", "palpate", "scan", "look"))
+
+_TRACKING = EpisodeConfig.of(task="track", motion="both", seconds=14.0, perception_latency_ms=40.0, transfer_latency_ms=60.0)
 """100 ms of latency in all, at the camera's full rate; after the 10 s in which prediction has to converge, one breath."""
-_PALPATE_EPISODE = EpisodeConfig(task="palpate", motion="still", perception="compact", seconds=14.0)
+_PALPATING = EpisodeConfig.of(task="palpate", motion="still", seconds=14.0)
+_SCANNING = EpisodeConfig.of(task="scan")
+_LOOKING = EpisodeConfig.of(task="look", motion="breathing", seconds=8.0)
 _TRACK_ABOUT = "10 mm at 0.25 Hz and 1 mm at 1.2 Hz, 100 ms of latency; measured from 10 to 14 s"
 _PALPATE_ABOUT = "0.5 N within 0.1 N for 95 % of 3 s; from the first tick in the band to the end"
 _LOOK_ABOUT = "breathing while the stage travels 20 mm to both sides; measured from 2 to 8 s"
 
 CAMPAIGNS: tuple[Campaign, ...] = (
-    Campaign(name="reach-still", about="", episode=EpisodeConfig(motion="still"), checks=_reach(0.98, 0.8)),
     Campaign(
-        name="reach-moving", about="breathing and beating", episode=EpisodeConfig(motion="both"), checks=_reach(0.95, None)
+        name="reach-still",
+        episode=EpisodeConfig.of(motion="still"),
+        checks=own_checks("reach", success=0.98, final_error_mm=0.8),
     ),
+    Campaign(name="reach-moving", about="breathing and beating", episode=EpisodeConfig.of(motion="both"), checks=_REACH),
     Campaign(
         name="track-oracle",
         about=_TRACK_ABOUT,
-        episode=replace(_TRACK_EPISODE, perception="oracle"),
-        checks=_track(0.5, "track-oracle-unpredicted"),
+        episode=_TRACKING.changed(perception="oracle"),
+        checks=(*own_checks("track", normal_rms_mm=0.5), _GAIN),
     ),
     Campaign(
-        name="track-oracle-unpredicted",
+        name=_UNPREDICTED,
         about=f"{_TRACK_ABOUT}; the newest measurement is held",
-        episode=replace(_TRACK_EPISODE, perception="oracle", prediction="none"),
-        checks=_unasked(_track(0.5, "")),
+        episode=_TRACKING.changed(perception="oracle", prediction="none"),
+        checks=_unbounded(_TRACK),
     ),
-    Campaign(name="track-compact", about=_TRACK_ABOUT, episode=_TRACK_EPISODE, checks=_track(1.0, "track-oracle-unpredicted")),
-    Campaign(name="palpate-still", about=_PALPATE_ABOUT, episode=_PALPATE_EPISODE, checks=_PALPATE, max_force_n=2.0),
+    Campaign(name="track-compact", about=_TRACK_ABOUT, episode=_TRACKING, checks=(*_TRACK, _GAIN)),
+    Campaign(name="palpate-still", about=_PALPATE_ABOUT, episode=_PALPATING, checks=_PALPATE, max_force_n=2.0),
     Campaign(
         name="palpate-breathing",
         about=_PALPATE_ABOUT,
-        episode=replace(_PALPATE_EPISODE, motion="breathing"),
-        checks=_unasked(_PALPATE),
+        episode=_PALPATING.changed(motion="breathing"),
+        checks=_unbounded(_PALPATE),
         max_force_n=2.0,
     ),
-    Campaign(name="scan-oracle", about="", episode=EpisodeConfig(task="scan", perception="oracle"), checks=_SCAN),
-    Campaign(name="scan-compact", about="", episode=EpisodeConfig(task="scan"), checks=_SCAN),
-    Campaign(name="look", about=_LOOK_ABOUT, episode=EpisodeConfig(task="look", motion="breathing", seconds=8.0), checks=_LOOK),
+    Campaign(name="scan-oracle", episode=_SCANNING.changed(perception="oracle"), checks=_SCAN),
+    Campaign(name="scan-compact", episode=_SCANNING, checks=_SCAN),
+    Campaign(name="look", about=_LOOK_ABOUT, episode=_LOOKING, checks=_LOOK),
     Campaign(
         name="reach-ur5-cb",
         about="breathing and beating",
-        episode=EpisodeConfig(motion="both", actuation="ur5-cb"),
-        checks=_unasked(_reach(0.95, None)),
+        episode=EpisodeConfig.of(motion="both", actuation="ur5-cb"),
+        checks=_unbounded(_REACH),
     ),
-    Campaign(
-        name="track-ur5-cb",
-        about=_TRACK_ABOUT,
-        episode=replace(_TRACK_EPISODE, actuation="ur5-cb"),
-        checks=_unasked(_track(1.0, "")),
-    ),
+    Campaign(name="track-ur5-cb", about=_TRACK_ABOUT, episode=_TRACKING.changed(actuation="ur5-cb"), checks=_unbounded(_TRACK)),
     Campaign(
         name="palpate-ur5-cb",
         about=_PALPATE_ABOUT,
-        episode=replace(_PALPATE_EPISODE, motion="breathing", actuation="ur5-cb"),
-        checks=_unasked(_PALPATE),
+        episode=_PALPATING.changed(motion="breathing", actuation="ur5-cb"),
+        checks=_unbounded(_PALPATE),
         max_force_n=2.0,
     ),
-    Campaign(name="scan-ur5-cb", about="", episode=EpisodeConfig(task="scan", actuation="ur5-cb"), checks=_unasked(_SCAN)),
-    Campaign(
-        name="look-ur5-cb",
-        about=_LOOK_ABOUT,
-        episode=EpisodeConfig(task="look", motion="breathing", seconds=8.0, actuation="ur5-cb"),
-        checks=_unasked(_LOOK),
-    ),
+    Campaign(name="scan-ur5-cb", episode=_SCANNING.changed(actuation="ur5-cb"), checks=_unbounded(_SCAN)),
+    Campaign(name="look-ur5-cb", about=_LOOK_ABOUT, episode=_LOOKING.changed(actuation="ur5-cb"), checks=_unbounded(_LOOK)),
 )
-"""In the order of the table."""
+"""Those of the built-in tasks, in the order of the table."""
+
+
+def campaigns() -> tuple[Campaign, ...]:
+    """Return all campaigns: the built-in ones, and one for every task of another package."""
+    built_in = {campaign.episode.task.kind for campaign in CAMPAIGNS}
+    others = [task for task in TASKS.names() if task not in built_in]
+    return CAMPAIGNS + tuple(
+        Campaign(name=task, episode=EpisodeConfig.of(task=task), checks=own_checks(task)) for task in others
+    )

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from laploop.configuration import Field, configuration
-from laploop.envs.episode import EpisodeConfig
+from laploop.envs.episode_config import EpisodeConfig
 from laploop.errors import OutputError, UnknownNameError
-from laploop.studies.episodes.task_campaigns import CAMPAIGNS, Campaign
+from laploop.studies.episodes.task_campaigns import CAMPAIGNS, Campaign, campaigns
 from laploop.studies.episodes.trials import Row, TrialsConfig, run_trials
 
 MET = {None: "", True: "yes", False: "no"}
@@ -38,14 +38,14 @@ class TaskTableConfig:
         Raises:
             UnknownNameError: If there is no such campaign.
         """
-        names = [campaign.name for campaign in CAMPAIGNS]
+        names = [campaign.name for campaign in campaigns()]
         for name in self.only:
             if name not in names:
                 raise UnknownNameError("campaign", name, names)
 
     def campaigns(self) -> tuple[Campaign, ...]:
         """Return the chosen campaigns in the order of the table."""
-        return tuple(campaign for campaign in CAMPAIGNS if not self.only or campaign.name in self.only)
+        return tuple(campaign for campaign in campaigns() if not self.only or campaign.name in self.only)
 
 
 def run_task_table(

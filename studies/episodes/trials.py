@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.configuration import Field, configuration
-from laploop.envs.episode import EpisodeConfig, run_episode
+from laploop.envs.episode_config import EpisodeConfig
 from laploop.errors import InfeasibleError, InvalidValueError, SimulationError
 from laploop.whole_file import whole_file
 from laploop.workers import run_in_workers
@@ -102,6 +102,8 @@ def run_trials(
 
 def run_trial(episode: EpisodeConfig) -> Row:
     """Run one episode and return its row; a failure of its physics or control becomes a row too."""
+    from laploop.envs.episode import run_episode  # slow to import
+
     try:
         summary = run_episode(episode)
     except (SimulationError, InfeasibleError) as error:

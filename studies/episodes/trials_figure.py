@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from laploop.envs.tasks.reach import ReachConfig
+from laploop.envs.tasks.configs import ReachConfig
 from laploop.studies.episodes.trials import Row
 from laploop.studies.figure_style import BLUE, RED, draw_grid, draw_limit, figure_page
 

@@ -10,18 +10,20 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from laploop.assets.scope_optics import ScopeOptics
 from laploop.configuration import Field, configuration
 from laploop.control.arm.rcm_controller import RcmController
 from laploop.control.controllers.reach import ReachController
-from laploop.envs.episode import EpisodeConfig, run_episode
-from laploop.envs.loop.closed_loop import LoopConfig
+from laploop.envs.episode import run_episode
+from laploop.envs.episode_config import EpisodeConfig
 from laploop.envs.recording.recorder import ARM_NAMES, DepthRecord, FrameRecord, TickRecord
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.reference.camera import ReferenceCamera, lateral_mount
 from laploop.envs.sensors.reference.optics import ReferenceOptics
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.sensors.stripe_capture import StripeCapture
-from laploop.envs.tasks.reach import ReachConfig, ReachEnv
+from laploop.envs.tasks.configs import ReachConfig
+from laploop.envs.tasks.reach import ReachEnv
 from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import SimulationError
 from laploop.perception.estimators.oracle import OracleEstimator
@@ -93,7 +95,7 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
     report = progress or (lambda _fraction: None)
     report(0.0)
     machine = describe_machine()
-    rig = Rig.from_optics(LoopConfig().scope)
+    rig = Rig.from_optics(ScopeOptics())
     estimators = {name: make_estimator(name, rig) for name in config.estimators}
     touch = _reach_the_tissue(config)
     report(0.2)
@@ -102,7 +104,7 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
     env = touch.env
     theatre = env.loop.theatre
     stages = [
-        Stage.of("physics step, free", _time(Theatre(theatre.config).step, config.calls)),
+        Stage.of("physics step, free", _time(Theatre(theatre.config, theatre.rates, seed=config.seed).step, config.calls)),
         Stage.of("physics step, in contact", _contact_physics(touch, config.calls)),
         Stage.of("kinematics refresh", _time(theatre.refresh, config.calls)),
         Stage.of("control tick", np.add(touch.targeting_s, touch.inverse_kinematics_s)),
@@ -113,7 +115,7 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
         Stage.of("control tick alone: prediction", alone.whole),
         Stage.of("control tick alone: kinematics, QP, prediction", alone.core),
     ]
-    camera = StripeCamera(env.loop.rig, env.config.loop.stripes, device=env.config.loop.device)
+    camera = StripeCamera(env.loop.rig, env.config.loop.optics, device=env.config.loop.device)
     camera.attach(theatre.model)
     rng = np.random.default_rng(config.seed)
     pose = theatre.world_from_camera()
@@ -132,7 +134,7 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
     episodes: list[Mapping[str, Any]] = []
     for number in range(config.episodes):
         report(0.75 + 0.25 * number / config.episodes)
-        episode = EpisodeConfig(perception=config.perception, seed=config.seed + number, seconds=config.seconds)
+        episode = EpisodeConfig.of(perception=config.perception, seed=config.seed + number, seconds=config.seconds)
         episodes.append({"seed": episode.seed, **run_episode(episode)})
     report(1.0)
     return BenchResult(machine=machine, stages=tuple(stages), episodes=tuple(episodes))
@@ -152,7 +154,7 @@ def _reach_the_tissue(config: BenchConfig) -> _Touch:
         while not (terminated or truncated):
             velocity = _timed(targeting, controller.command, env.control_input())
             rotation = env.loop.theatre.world_from_camera()[:3, :3]
-            _timed(kinematics, rcm.step, rotation @ velocity, env.config.loop.rates.control_s)
+            _timed(kinematics, rcm.step, rotation @ velocity, env.config.loop.control_s)
             _, _, terminated, truncated, info = env.step(velocity.astype(np.float32))
         if info["success"] and len(targeting) >= config.calls:
             return _Touch(env=env, rcm=rcm, targeting_s=targeting, inverse_kinematics_s=kinematics)
@@ -165,9 +167,9 @@ def _contact_physics(touch: _Touch, calls: int) -> list[float]:
     loop = touch.env.loop
     theatre, arm = loop.theatre, loop.theatre.tool_arm
     for _ in range(_PRESS_TICKS):
-        q, qdot = touch.rcm.step([0.0, 0.0, -_PRESS_MPS], loop.config.rates.control_s)
+        q, qdot = touch.rcm.step([0.0, 0.0, -_PRESS_MPS], loop.config.control_s)
         theatre.set_joint_targets(arm, q, qdot)
-        for _ in range(loop.config.rates.physics_steps_per_control):
+        for _ in range(loop.config.physics_steps_per_control):
             theatre.step()
     theatre.set_joint_targets(arm, touch.rcm.q)
     seconds: list[float] = []
@@ -201,7 +203,7 @@ def _recorder_times(env: ReachEnv, capture: StripeCapture, calls: int) -> list[f
     """Time what the Rerun recorder does in one camera period: a frame, a depth frame, and the control ticks between."""
     from laploop.envs.recording.rerun_recorder import RerunRecorder  # slow to import
 
-    rates, theatre = env.loop.config.rates, env.loop.theatre
+    rates, theatre = env.loop.config, env.loop.theatre
     pose, target = theatre.world_from_camera(), env.target_in_world()
     oracle = OracleEstimator(env.loop.rig)
     oracle.see_truth(capture.depth_mm)

@@ -1,7 +1,7 @@
 """How long control ticks over breathing tissue take: in the loop, and alone on a core."""
 
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
@@ -13,8 +13,11 @@ from laploop.control.arm.rcm_controller import RcmController
 from laploop.control.controllers.track import TrackController
 from laploop.control.messages import ControlInput
 from laploop.control.prediction.motion_predictor import Prediction, RhythmPredictor
+from laploop.envs.loop.config import LoopConfig
+from laploop.envs.tasks.configs import TrackConfig
 from laploop.envs.tasks.task_env import TaskEnv
 from laploop.envs.tasks.track import TrackEnv
+from laploop.envs.theatre.config import TheatreConfig
 from laploop.envs.theatre.organ_motion import BaseMotion
 
 Array = NDArray[np.float64]
@@ -38,7 +41,8 @@ def tracking_tick_times(*, seed: int, seconds: float) -> tuple[TickTimes, TickTi
         In the loop, where physics, between two ticks, leaves nothing of them in the processor's caches; and alone: the same
         ticks once more, with the same input and to the same end, one right after another, as on a computer of their own.
     """
-    config = replace(TrackEnv.default_config(), motion=BaseMotion.named("breathing"), max_seconds=seconds)
+    theatre = TheatreConfig(motion=BaseMotion.named("breathing"))
+    config = TrackConfig(loop=LoopConfig(theatre=theatre), max_seconds=seconds)
     env = TrackEnv(config, perception="oracle")
     env.reset(seed=seed)
     loop, alone = _TimedTicks(env), _TimedTicks(env)
@@ -70,7 +74,7 @@ class _TimedTicks:
         self._controller = TrackController(env.loop.rig, predictor=self._predictor)
         self._rcm = kinematics_beside(env)
         self._other_shaft: Shaft = env.loop.scope.model.shaft
-        self._period_s = env.config.loop.rates.control_s
+        self._period_s = env.config.loop.control_s
         self.times = TickTimes()
 
     def tick(self, state: ControlInput, rotation: Array, scope_pose: Array) -> Array:

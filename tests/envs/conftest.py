@@ -1,21 +1,28 @@
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
 from laploop.assets.tissue_config import TissueConfig, TissueShape
 from laploop.control.controllers.registry import make_controller
-from laploop.envs.tasks.registry import task_environment
+from laploop.envs.loop.config import LoopConfig
+from laploop.envs.tasks.registry import default_config, make_environment
+from laploop.envs.theatre.config import TheatreConfig
 
 COARSE = TissueConfig(shape=TissueShape(samples=31), cells=(4, 4))
 """Tissue of a quarter of the vertices and a sixth of the cells: twice as fast, for tests that do not look at it closely."""
 
 
-def coarse_task(task, **changes):
-    """Make the environment of a task on coarse tissue with exact depth."""
-    environment = task_environment(task)
-    config = replace(environment.default_config(), tissue=COARSE, **changes)
-    return environment(config, perception="oracle")
+def make_coarse(task, **changes):
+    """Make the environment of a task on coarse tissue with exact depth; changes may be fields of task, loop or theatre."""
+    in_theatre, in_loop = (
+        {field.name: changes.pop(field.name) for field in fields(kind) if field.name in changes}
+        for kind in (TheatreConfig, LoopConfig)
+    )
+    config = default_config(task)
+    theatre = replace(config.loop.theatre, tissue=COARSE, **in_theatre)
+    loop = replace(config.loop, theatre=theatre, **in_loop)
+    return make_environment(task, config=replace(config, loop=loop, **changes), perception="oracle")
 
 
 def play(env, *, seed, controller=None, watch=None):
@@ -35,13 +42,19 @@ def play(env, *, seed, controller=None, watch=None):
     return infos
 
 
+@pytest.fixture(scope="session")
+def coarse_task():
+    """Make environments that whoever asks for them closes."""
+    return make_coarse
+
+
 @pytest.fixture
 def task_env():
     """Make environments of tasks that are closed at the end of the test."""
     made = []
 
     def make(task, **changes):
-        made.append(coarse_task(task, **changes))
+        made.append(make_coarse(task, **changes))
         return made[-1]
 
     yield make

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from laploop.envs.loop import closed_loop
-from laploop.envs.loop.clock_rates import ClockRates
-from laploop.envs.loop.closed_loop import LoopConfig
 from laploop.envs.loop.faults import Fault
 from laploop.envs.loop.kinematic_errors import KinematicErrors
 from laploop.envs.loop.latency import ConstantLatency
@@ -37,7 +35,7 @@ def watch(monkeypatch, kind, method, seen):
 
 def test_a_step_is_physics_then_poses_then_proprioception_then_capture_then_arrival(task_env, monkeypatch):
     # A camera period of 2.5 control periods: every other frame is captured in the middle of one.
-    env = task_env("reach", loop=LoopConfig(rates=ClockRates(camera_ns=20 * MS)))
+    env = task_env("reach", camera_hz=50.0)
     env.reset(seed=3)
     events = []
     for kind, method, name in (
@@ -63,7 +61,7 @@ def test_a_step_is_physics_then_poses_then_proprioception_then_capture_then_arri
 
 
 def test_a_frame_shows_the_theatre_as_it_is_and_not_a_step_before(task_env, monkeypatch):
-    env = task_env("look", loop=LoopConfig(rates=ClockRates(camera_ns=20 * MS)))
+    env = task_env("look", camera_hz=50.0)
     env.reset(seed=3)
     lags = []
 
@@ -97,7 +95,7 @@ def test_frames_are_captured_once_a_camera_period_and_carry_the_pose_of_that_tim
 
 
 def test_depth_ages_until_the_next_frame_has_been_transferred_and_served(task_env):
-    env = task_env("reach", loop=LoopConfig(latency=ConstantLatency(latency_ns=36 * MS), transfer_ns=12 * MS))
+    env = task_env("reach", latency=ConstantLatency(latency_ms=36.0), transfer_ms=12.0)
     _, info = env.reset(seed=3)
     # The frame of time 0 is there at 12 + 36 = 48 ms, at the end of a control period, and seen in it.
     assert (info["sim_s"], info["depth_age_ms"]) == (0.048, 48.0)
@@ -107,7 +105,7 @@ def test_depth_ages_until_the_next_frame_has_been_transferred_and_served(task_en
 
 
 def test_a_frame_that_is_ready_after_a_control_tick_waits_for_the_next(task_env):
-    env = task_env("reach", loop=LoopConfig(latency=ConstantLatency(latency_ns=48 * MS + 1)))
+    env = task_env("reach", latency=ConstantLatency(latency_ms=48.000001))
     _, info = env.reset(seed=3)
     # A nanosecond too late for the tick at 48 ms.
     assert (info["sim_s"], info["depth_age_ms"]) == (0.056, 56.0)
@@ -123,7 +121,7 @@ def test_before_the_first_frame_has_arrived_there_is_none(task_env, monkeypatch)
 
 
 def test_a_slow_perception_serves_the_newest_frame_and_drops_those_it_overtook(task_env):
-    env = task_env("reach", loop=LoopConfig(latency=ConstantLatency(latency_ns=100 * MS)))
+    env = task_env("reach", latency=ConstantLatency(latency_ms=100.0))
     env.reset(seed=3)
     loop, served = env.loop, [env.loop.newest_served]
     for _ in range(40):
@@ -139,7 +137,7 @@ def test_a_slow_perception_serves_the_newest_frame_and_drops_those_it_overtook(t
 
 def test_a_frame_that_arrives_after_a_newer_one_is_dropped(task_env):
     fault = Fault(kind="late-frame", start_s=0.08, end_s=0.2)
-    env = task_env("reach", loop=LoopConfig(faults=(fault,)))
+    env = task_env("reach", faults=(fault,))
     env.reset(seed=3)
     loop, served = env.loop, [env.loop.newest_served]
     for _ in range(25):
@@ -174,7 +172,7 @@ def test_the_trocar_errors_of_a_period_are_the_worst_of_its_steps(task_env, monk
 
 
 def test_a_controller_feels_the_force_along_the_axes_of_the_camera_that_it_believes_in(task_env, monkeypatch):
-    env = task_env("reach", loop=LoopConfig(kinematic_errors=KinematicErrors(hand_eye_rad=0.1)))
+    env = task_env("reach", kinematic_errors=KinematicErrors(hand_eye_rad=0.1))
     env.reset(seed=3)
     down = np.array([0.0, 0.0, -10.0])
     monkeypatch.setattr(Theatre, "contact_force_in_world", lambda _: down)
@@ -191,7 +189,7 @@ def test_a_controller_feels_the_force_along_the_axes_of_the_camera_that_it_belie
 
 def test_all_that_a_controller_knows_comes_from_the_kinematics_that_it_believes_in(task_env):
     errors = KinematicErrors(joint_rad=2e-3, tip_m=5e-4, hand_eye_m=1e-3, hand_eye_rad=0.02)
-    env = task_env("reach", loop=LoopConfig(kinematic_errors=errors))
+    env = task_env("reach", kinematic_errors=errors)
     env.reset(seed=3)
     for _ in range(6):
         env.step(np.array([0.02, 0.0, -0.02], np.float32))
@@ -227,7 +225,7 @@ def test_time_runs_in_whole_control_periods(task_env):
 
 def test_a_perception_that_never_answers_is_an_error(task_env, monkeypatch):
     monkeypatch.setattr(closed_loop, "MAX_WAIT_NS", 60 * MS)
-    env = task_env("reach", loop=LoopConfig(latency=ConstantLatency(latency_ns=200 * MS)))
+    env = task_env("reach", latency=ConstantLatency(latency_ms=200.0))
     with pytest.raises(SimulationError, match="no depth frame arrived"):
         env.reset(seed=3)
 

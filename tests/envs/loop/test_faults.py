@@ -7,7 +7,6 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from laploop.envs.loop.closed_loop import LoopConfig
 from laploop.envs.loop.faults import OUT_OF_REACH, Fault, FaultInjector, FaultKind
 from laploop.envs.loop.perception_server import ServedFrame
 from laploop.envs.loop.proprioception import ProprioceptiveReading
@@ -131,7 +130,7 @@ def faulty(task_env, run_task, task, kind, start_s, *, lasts_s=0.7, more_s=0.3, 
     env = task_env(
         task,
         motion=BaseMotion.named("both"),
-        loop=LoopConfig(faults=(Fault(kind=kind, start_s=start_s, end_s=start_s + lasts_s),)),
+        faults=(Fault(kind=kind, start_s=start_s, end_s=start_s + lasts_s),),
         bad_action="hold",
         max_seconds=start_s + lasts_s + more_s,
         **changes,

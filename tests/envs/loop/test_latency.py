@@ -1,54 +1,92 @@
+from itertools import islice
+
 import numpy as np
 import pytest
 
 from laploop.envs.loop.latency import ConstantLatency, LognormalLatency, TraceLatency
-from laploop.errors import InvalidValueError, MissingFileError
+from laploop.errors import InvalidValueError, LaploopError, MissingFileError
+
+
+def drawn(latency, count, seed=0):
+    return list(islice(latency.samples_ns(np.random.default_rng(seed)), count))
 
 
 def test_constant_latency_is_constant():
-    latency = ConstantLatency(latency_ns=7)
-    assert [latency.sample_ns(np.random.default_rng(0)) for _ in range(3)] == [7, 7, 7]
+    assert drawn(ConstantLatency(latency_ms=0.007), 3) == [7_000, 7_000, 7_000]
 
 
 def test_lognormal_latency_has_its_median_and_repeats_with_the_seed():
-    latency = LognormalLatency(median_ns=1_000_000, sigma=0.3)
-    rng = np.random.default_rng(0)
-    samples = [latency.sample_ns(rng) for _ in range(4000)]
+    latency = LognormalLatency(median_ms=1.0, sigma=0.3)
+    samples = drawn(latency, 4000)
     # The median's standard error is 1.25 * sigma / sqrt(n) = 0.6 %.
     assert np.median(samples) == pytest.approx(1_000_000, rel=0.03)
-    assert samples[0] == latency.sample_ns(np.random.default_rng(0))
+    assert samples[:5] == drawn(latency, 5)
 
 
 def test_a_trace_is_replayed_in_order_and_starts_over():
-    trace = TraceLatency([1, 2, 3])
-    rng = np.random.default_rng(0)
-    assert [trace.sample_ns(rng) for _ in range(5)] == [1, 2, 3, 1, 2]
-    trace.reset()
-    assert trace.sample_ns(rng) == 1
+    assert drawn(TraceLatency(latencies_ms=(1.0, 2.0, 3.0)), 5) == [1_000_000, 2_000_000, 3_000_000, 1_000_000, 2_000_000]
+
+
+def test_two_loops_of_one_trace_do_not_draw_from_each_other():
+    trace = TraceLatency(latencies_ms=(1.0, 2.0, 3.0))
+    one, other = trace.samples_ns(np.random.default_rng(0)), trace.samples_ns(np.random.default_rng(0))
+    assert [next(one), next(one), next(other), next(one)] == [1_000_000, 2_000_000, 1_000_000, 3_000_000]
 
 
 def test_a_trace_is_read_from_csv_in_milliseconds(tmp_path):
     path = tmp_path / "trace.csv"
-    path.write_text("frame,latency_ms\n0,38.4\n1,40\n")
-    trace = TraceLatency.from_csv(path)
-    assert trace.sample_ns(np.random.default_rng(0)) == 38_400_000
+    path.write_text("frame,latency_ms\n0,38.4\n1,40\n\n")
+    assert TraceLatency.from_csv(path).latencies_ms == (38.4, 40.0)
+    path.write_bytes("\ufefflatency_ms\r\n1.5\r\n".encode())
+    assert drawn(TraceLatency.from_csv(path), 1) == [1_500_000]
 
 
-def test_bad_traces_get_a_clear_error(tmp_path):
-    with pytest.raises(MissingFileError, match="latency trace not found"):
-        TraceLatency.from_csv(tmp_path / "none.csv")
-    for text in ("frame,ms\n0,1\n", "latency_ms\nfast\n", "latency_ms\nnan\n"):
-        (tmp_path / "bad.csv").write_text(text)
-        with pytest.raises(InvalidValueError, match="latency_ms"):
-            TraceLatency.from_csv(tmp_path / "bad.csv")
-    with pytest.raises(InvalidValueError, match="none negative"):
-        TraceLatency([3, -1])
+BAD_TRACES = {
+    "binary": bytes(range(256)),
+    "UTF-16": "latency_ms\n40\n".encode("utf-16"),
+    "UTF-16 without a mark": "latency_ms\n40\n".encode("utf-16-le"),
+    "a huge field": b"latency_ms\n" + b"4" * 200_000 + b"\n",
+    "a decimal comma": b"latency_ms\n40,5\n",
+    "a gap": b"latency_ms\n40\n\n50\n",
+    "text": b"latency_ms\nfast\n",
+    "not a number": b"latency_ms\nnan\n",
+    "infinite": b"latency_ms\ninf\n",
+    "negative": b"latency_ms\n-1\n",
+    "another column": b"frame,ms\n0,1\n",
+    "a row too short": b"frame,latency_ms\n0,40\n1\n",
+    "an open quote": b'latency_ms\n"40\n',
+    "no rows": b"latency_ms\n",
+    "empty": b"",
+}
 
 
-def test_out_of_range_parameters_are_refused():
-    with pytest.raises(InvalidValueError, match="latency_ns is -1"):
-        ConstantLatency(latency_ns=-1)
-    with pytest.raises(InvalidValueError, match="sigma"):
-        LognormalLatency(sigma=-0.1)
-    with pytest.raises(InvalidValueError, match="median_ns"):
-        LognormalLatency(median_ns=0)
+@pytest.mark.parametrize("name", BAD_TRACES)
+def test_a_damaged_trace_is_refused_in_one_line_that_names_the_file(tmp_path, name):
+    path = tmp_path / "bad.csv"
+    path.write_bytes(BAD_TRACES[name])
+    with pytest.raises(InvalidValueError, match=r"latency trace .*bad\.csv is ") as caught:
+        TraceLatency.from_csv(path)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 250 + len(str(path))
+
+
+def test_a_missing_trace_is_named(tmp_path):
+    for path in (tmp_path / "none.csv", tmp_path, "x" * 300):
+        with pytest.raises((MissingFileError, InvalidValueError), match="latency trace"):
+            TraceLatency.from_csv(path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields"),
+    [
+        (ConstantLatency, {"latency_ms": -1.0}),
+        (ConstantLatency, {"latency_ms": float("nan")}),
+        (LognormalLatency, {"sigma": -0.1}),
+        (LognormalLatency, {"median_ms": 0.0}),
+        (TraceLatency, {"latencies_ms": ()}),
+        (TraceLatency, {"latencies_ms": (3.0, -1.0)}),
+    ],
+)
+def test_out_of_range_parameters_are_refused(kind, fields):
+    with pytest.raises(LaploopError, match=next(iter(fields))):
+        kind(**fields)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from laploop.envs.loop.closed_loop import LoopConfig
 from laploop.envs.loop.kinematic_errors import KinematicErrors
 from laploop.envs.theatre.actuation import ActuationConfig
 
@@ -12,7 +11,7 @@ ERRORS = KinematicErrors(joint_rad=2e-3, tip_m=5e-4, hand_eye_m=5e-4, hand_eye_r
 
 @pytest.fixture
 def erring(task_env):
-    env = task_env("reach", loop=LoopConfig(kinematic_errors=ERRORS))
+    env = task_env("reach", kinematic_errors=ERRORS)
     env.reset(seed=3)
     return env
 
@@ -93,7 +92,7 @@ def test_errors_are_drawn_anew_with_every_seed_and_alike_with_the_same(erring):
 def test_a_slow_robot_follows_late_and_tells_controllers_by_how_much(task_env):
     starts = {}
     for name in ("ideal", "ur5-cb"):
-        env = task_env("reach", loop=LoopConfig(actuation=ActuationConfig.named(name)))
+        env = task_env("reach", actuation=ActuationConfig.named(name))
         before, _ = env.reset(seed=3)
         begin_ns = env.loop.now_ns
         assert env.control_input().lead_ns == {"ideal": 0, "ur5-cb": 69_000_000}[name]

@@ -16,10 +16,10 @@ RIG = Rig.from_optics(ScopeOptics(width=16, height=16))
 
 
 class Mean:
-    """Says of every pixel that it is as deep as the image is bright."""
+    """Says of every pixel that it is one millimetre deeper than the image is bright."""
 
     def estimate(self, image):
-        return DepthEstimate(depth_mm=np.full(image.shape, image.mean(), np.float32), valid=np.ones(image.shape, bool))
+        return DepthEstimate(depth_mm=np.full(image.shape, 1.0 + image.mean(), np.float32), valid=np.ones(image.shape, bool))
 
 
 def captured(index, captured_ns, *, arrives_after_ns=0):
@@ -49,7 +49,7 @@ def serve():
     servers = []
 
     def make(estimator, latency):
-        servers.append(PerceptionServer(estimator, latency, np.random.default_rng(0)))
+        servers.append(PerceptionServer(estimator, latency.samples_ns(np.random.default_rng(0))))
         return servers[-1]
 
     yield make
@@ -58,18 +58,18 @@ def serve():
 
 
 def test_a_frame_is_seen_from_its_service_time_on_and_not_before(serve):
-    server = serve(Mean(), ConstantLatency(latency_ns=40 * MS))
+    server = serve(Mean(), ConstantLatency(latency_ms=40.0))
     server.submit(captured(3, 0, arrives_after_ns=2 * MS))
     assert server.poll(42 * MS - 1) == []
     (one,) = server.poll(42 * MS)
     assert (one.depth.index, one.depth.captured_ns, one.depth.available_ns) == (3, 0, 42 * MS)
     assert one.depth.age_ns(50 * MS) == 50 * MS
-    assert one.depth.estimate.depth_mm[0, 0] == 3.0
+    assert one.depth.estimate.depth_mm[0, 0] == 4.0
     assert server.last_compute_s >= 0.0
 
 
 def test_an_overtaken_frame_is_dropped(serve):
-    server = serve(Mean(), ConstantLatency(latency_ns=100 * MS))
+    server = serve(Mean(), ConstantLatency(latency_ms=100.0))
     delivered = []
     for index in range(6):
         delivered += server.poll(index * 40 * MS)
@@ -82,7 +82,7 @@ def test_an_overtaken_frame_is_dropped(serve):
 
 
 def test_a_waiting_frame_starts_when_the_worker_is_free(serve):
-    server = serve(Mean(), TraceLatency([50 * MS, 10 * MS]))
+    server = serve(Mean(), TraceLatency(latencies_ms=(50.0, 10.0)))
     server.submit(captured(0, 0))
     server.submit(captured(1, 40 * MS))
     first, second = server.poll(60 * MS)
@@ -90,7 +90,7 @@ def test_a_waiting_frame_starts_when_the_worker_is_free(serve):
 
 
 def test_the_oracle_sees_the_truth_of_the_frame_it_serves(serve):
-    server = serve(OracleEstimator(RIG), ConstantLatency(latency_ns=50 * MS))
+    server = serve(OracleEstimator(RIG), ConstantLatency(latency_ms=50.0))
     server.submit(captured(0, 0))
     server.submit(captured(1, 40 * MS))
     assert [float(one.depth.estimate.depth_mm[0, 0]) for one in server.poll(200 * MS)] == [100.0, 101.0]
@@ -104,7 +104,7 @@ def test_simulated_arrival_does_not_depend_on_how_long_the_estimate_really_takes
             release.wait(5.0)
             return super().estimate(image)
 
-    server = serve(Slow(), ConstantLatency(latency_ns=MS))
+    server = serve(Slow(), ConstantLatency(latency_ms=1.0))
     server.submit(captured(0, 0))
     threading.Timer(0.05, release.set).start()
     (one,) = server.poll(MS)
@@ -116,7 +116,7 @@ def test_an_error_in_the_estimator_reaches_the_caller(serve):
         def estimate(self, image):
             raise ValueError("no such image")
 
-    server = serve(Broken(), ConstantLatency(latency_ns=0))
+    server = serve(Broken(), ConstantLatency(latency_ms=0.0))
     server.submit(captured(0, 0))
     with pytest.raises(ValueError, match="no such image"):
         server.poll(0)

@@ -63,7 +63,8 @@ def test_a_residual_of_zero_is_the_scripted_controller(task_env):
 
 
 def test_a_residual_adds_to_a_users_own_controller():
-    from laploop.envs.tasks.reach import ReachConfig, ReachEnv
+    from laploop.envs.tasks.configs import ReachConfig
+    from laploop.envs.tasks.reach import ReachEnv
 
     class Up:
         def reset(self):
@@ -118,7 +119,8 @@ def test_an_action_that_is_not_finite_is_an_error_or_a_hold(task_env):
 
 
 def test_a_controller_that_fails_inside_the_residual_mode_makes_the_arm_hold():
-    from laploop.envs.tasks.reach import ReachConfig, ReachEnv
+    from laploop.envs.tasks.configs import ReachConfig
+    from laploop.envs.tasks.reach import ReachEnv
 
     class Broken:
         def reset(self):

@@ -5,18 +5,17 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-import laploop.envs  # noqa: F401  registers the environments
-from laploop.assets.tissue_config import TissueConfig, TissueShape
-from laploop.envs.loop.closed_loop import LoopConfig
 from laploop.envs.loop.latency import ConstantLatency
-from laploop.envs.tasks.reach import ReachConfig, ReachEnv
+from laploop.envs.tasks.configs import ReachConfig
+from laploop.envs.tasks.reach import ReachEnv
+from laploop.envs.tasks.registry import environment_id
 from laploop.envs.theatre.organ_motion import BaseMotion
 from laploop.errors import InvalidValueError, SimulationError, UnknownNameError
 
 
 @pytest.fixture(scope="module")
-def env():
-    env = ReachEnv(ReachConfig(motion=BaseMotion.named("both"), max_seconds=0.4), perception="oracle")
+def env(coarse_task):
+    env = coarse_task("reach", motion=BaseMotion.named("both"), max_seconds=0.4)
     yield env
     env.close()
 
@@ -31,11 +30,10 @@ def rollout(env, seed, steps=30):
     return trace, reward, info
 
 
-def test_the_registered_environment_passes_gymnasiums_checker_without_a_warning():
+def test_the_registered_environment_passes_gymnasiums_checker_without_a_warning(env):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        coarse = TissueConfig(shape=TissueShape(samples=31), cells=(4, 4))
-        made = gym.make("laploop/Reach-v0", config=ReachConfig(tissue=coarse), perception="oracle")
+        made = gym.make(environment_id("reach"), config=env.config, perception="oracle")
         check_env(made.unwrapped, skip_render_check=True)
         made.close()
 
@@ -67,10 +65,8 @@ def test_an_episode_starts_with_a_depth_map_of_known_age(env):
     assert 50.0 < np.median(seen) < 130.0
 
 
-def test_an_episode_without_latency_starts_at_once():
-    env = ReachEnv(ReachConfig(loop=LoopConfig(latency=ConstantLatency(latency_ns=0))), perception="oracle")
-    _, info = env.reset(seed=5)
-    env.close()
+def test_an_episode_without_latency_starts_at_once(task_env):
+    _, info = task_env("reach", latency=ConstantLatency(latency_ms=0.0)).reset(seed=5)
     assert info["sim_s"] == info["depth_age_ms"] == info["contact_force_n"] == 0.0
 
 
@@ -174,19 +170,3 @@ def test_bad_configurations_are_refused():
         ReachEnv(perception="magic")
     with pytest.raises(InvalidValueError, match="max_seconds is 0"):
         ReachConfig(max_seconds=0)
-    with pytest.raises(InvalidValueError, match=r"target_pixel is \(300, 2\)"):
-        ReachEnv(perception="oracle").reset(seed=0, options={"target_pixel": (300, 2)})
-
-
-def test_a_users_own_estimator_takes_part():
-    class Flat:
-        def estimate(self, image):
-            from laploop.perception.messages import DepthEstimate
-
-            return DepthEstimate(depth_mm=np.full(image.shape, 90.0, np.float32), valid=np.ones(image.shape, bool))
-
-    env = ReachEnv(perception=Flat())
-    observation, info = env.reset(seed=0)
-    env.close()
-    assert np.all(observation["depth_mm"] == 90.0)
-    assert info["depth_mae_mm"] > 1.0

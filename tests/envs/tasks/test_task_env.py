@@ -6,6 +6,7 @@ import pytest
 from laploop.assets.shafts import INSTRUMENT
 from laploop.envs.loop.closed_loop import ClosedLoop
 from laploop.envs.recording.recorder import NullRecorder
+from laploop.envs.tasks.configs import ReachRewardWeights
 from laploop.envs.tasks.reach import ReachEnv
 from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import SimulationError
@@ -56,23 +57,30 @@ def test_a_reset_chooses_the_target_in_the_first_frame_and_measures_when_depth_h
     assert (info["terminated_by"], info["success"], info["reward_terms"]) == (None, False, {})
 
 
-def test_the_reward_is_the_sum_of_the_terms_as_they_are_weighted(task_env, monkeypatch):
-    terms = {"near": 0.5, "pressed": -2.0, "done": 10.0}
-    monkeypatch.setattr(ReachEnv, "reward_terms", lambda *_, **__: terms)
-    env = task_env("reach")
+def test_the_reward_is_the_sum_of_the_weighted_terms_of_the_task_and_of_those_that_all_share(task_env, monkeypatch):
+    monkeypatch.setattr(ReachEnv, "reward_terms", lambda _: {"distance": -0.5, "progress": 0.25})
+    monkeypatch.setattr(Theatre, "contact_force_in_world", lambda _: np.array([0.0, 0.0, 3.0]))
+    env = task_env("reach", rewards=ReachRewardWeights(distance=2.0))
     env.reset(seed=3)
     _, reward, *_, info = env.step(STILL)
-    assert reward == 8.5
-    assert info["reward_terms"] == terms
+    # 1 N above the alarm, weighted by a half.
+    assert info["reward_terms"] == {
+        "distance": -1.0,
+        "progress": 5.0,
+        "force": -0.5,
+        "effort": 0.0,
+        "success": 0.0,
+        "harm": 0.0,
+    }
+    assert reward == pytest.approx(3.5)
 
 
-def test_the_effort_is_the_commanded_speed_over_the_largest(task_env, monkeypatch):
-    efforts = []
-    watch(monkeypatch, ReachEnv, "reward_terms", lambda _, effort, **__: efforts.append(effort))
+def test_the_effort_is_the_square_of_the_commanded_speed_over_the_largest(task_env):
     env = task_env("reach")
     env.reset(seed=3)
-    env.step(np.array([0.03, 0.0, -0.04], np.float32))
-    assert efforts == pytest.approx([0.05 / env.config.max_tip_speed])
+    *_, info = env.step(np.array([0.03, 0.0, -0.04], np.float32))
+    # Speeds in m/s; the weight is 0.02.
+    assert info["reward_terms"]["effort"] == pytest.approx(-0.02 * (0.05 / 0.06) ** 2)
 
 
 def test_time_truncates_and_does_not_terminate(task_env):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from laploop.envs.tasks.path_choice import PathChoiceConfig
+from laploop.envs.tasks.configs import PathChoiceConfig
 from laploop.envs.theatre.organ_motion import BaseMotion
 from laploop.envs.theatre.stage_travel import StageTravel
 from laploop.errors import InvalidValueError
@@ -105,7 +105,7 @@ def test_a_short_scan_is_followed_to_its_end(task_env, run_task):
     assert sum(info["reward_terms"]["progress"] for info in infos) == pytest.approx(metrics["path_length_mm"], abs=0.6)
 
 
-@pytest.mark.parametrize(("changes", "distance_m"), [({}, 0.080), ({"scope_distance_m": 0.1}, 0.1)])
+@pytest.mark.parametrize(("changes", "distance_m"), [({}, 0.080), ({"working_distance_m": 0.1}, 0.1)])
 def test_a_scan_starts_at_the_distance_that_is_asked_for(task_env, changes, distance_m):
     env = task_env("scan", **changes)
     for seed in (3, 4):

@@ -80,7 +80,7 @@ def test_slow_motion_arrives_as_late_as_the_lead_says(name):
 
 
 def test_targets_between_two_cycles_wait_for_the_next_one():
-    actuation = make(ActuationConfig(cycle_ns=8_000_000))
+    actuation = make(ActuationConfig(cycle_ms=8.0))
     inputs = []
     for k in range(16):
         actuation.command(k * STEP_NS, HOME + 0.001 * k)
@@ -90,7 +90,7 @@ def test_targets_between_two_cycles_wait_for_the_next_one():
 
 
 def test_speed_and_angle_stay_within_their_limits():
-    config = ActuationConfig(cycle_ns=STEP_NS, max_speed_rad_s=0.5, max_angle_rad=2.0)
+    config = ActuationConfig(cycle_ms=STEP_NS * 1e-6, max_speed_rad_s=0.5, max_angle_rad=2.0)
     actuation = make(config)
     inputs = []
     for k in range(1500):
@@ -148,12 +148,12 @@ def test_time_does_not_go_back():
 @pytest.mark.parametrize(
     "fields",
     [
-        {"cycle_ns": -1},
-        {"delay_ns": 1},
-        {"lag_ns": 1},
+        {"cycle_ms": -1.0},
+        {"delay_ms": 1.0},
+        {"lag_ms": 1.0},
         {"max_speed_rad_s": 1.0},
-        {"cycle_ns": 8_000_000, "max_angle_rad": 0.0},
-        {"cycle_ns": 8_000_000, "lag_ns": -1},
+        {"cycle_ms": 8.0, "max_angle_rad": 0.0},
+        {"cycle_ms": 8.0, "lag_ms": -1.0},
     ],
 )
 def test_impossible_robots_are_refused(fields):
@@ -163,7 +163,7 @@ def test_impossible_robots_are_refused(fields):
 
 def test_cycle_must_fit_the_physics_step():
     with pytest.raises(InvalidValueError, match="multiple of the physics step"):
-        make(ActuationConfig(cycle_ns=3_000_000))
+        make(ActuationConfig(cycle_ms=3.0))
 
 
 def test_start_beyond_the_limit_is_refused():

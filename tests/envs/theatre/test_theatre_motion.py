@@ -43,7 +43,7 @@ def follow(theatre, path, speeds):
     """Yield after every physics step of a path, with fresh kinematics."""
     for q, qdot in zip(path, speeds, strict=True):
         theatre.set_joint_targets(theatre.tool_arm, q, qdot)
-        for _ in range(theatre.config.control_steps):
+        for _ in range(theatre.rates.physics_steps_per_control):
             theatre.step()
             theatre.refresh()
             yield

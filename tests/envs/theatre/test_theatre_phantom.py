@@ -108,7 +108,7 @@ def test_force_grows_with_depth(config):
         pose[:3] = np.column_stack([np.cross(y, z), y, z, tip])
         q = start_posture(model, pose, q)
         theatre.set_joint_targets(arm, q, None)
-        for _ in range(theatre.config.control_steps):
+        for _ in range(theatre.rates.physics_steps_per_control):
             theatre.step()
         forces.append(theatre.contact_force_in_world()[2])
     forces = np.array(forces)

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from laploop.assets.shafts import Shaft
-from laploop.envs.loop.closed_loop import LoopConfig
+from laploop.envs.loop.config import LoopConfig
 from laploop.envs.theatre.arm import Arm
+from laploop.envs.theatre.clock_rates import ClockRates
 from laploop.envs.theatre.config import TheatreConfig
 from laploop.envs.theatre.theatre import Theatre
 from laploop.envs.theatre.trocar import Trocar, TrocarConfig
@@ -177,13 +178,12 @@ def test_impossible_trocars_are_refused(field, value):
 
 def test_trocars_that_would_shake_the_arm_at_its_time_step_are_refused():
     stiff = TrocarConfig(stiffness_n_m=20_000.0, damping_ns_m=100.0)
-    TheatreConfig(seed=0, trocar=stiff)
-    with pytest.raises(InvalidValueError, match="stiffness_n_m and damping_ns_m"):
-        TheatreConfig(seed=0, trocar=stiff, timestep_s=0.004)
-    with pytest.raises(InvalidValueError, match="friction_n over presliding_m"):
-        TheatreConfig(
-            seed=0, trocar=TrocarConfig(friction_n=20.0, presliding_m=0.0001), timestep_s=0.005, control_period_s=0.01
-        )
+    LoopConfig(theatre=TheatreConfig(trocar=stiff))
+    with pytest.raises(InvalidValueError, match=r"theatre\.trocar\.stiffness_n_m and damping_ns_m"):
+        LoopConfig(theatre=TheatreConfig(trocar=stiff), physics_hz=250.0)
+    rubbing = TheatreConfig(trocar=TrocarConfig(friction_n=20.0, presliding_m=0.0001))
+    with pytest.raises(InvalidValueError, match=r"trocar\.friction_n over presliding_m"):
+        Theatre(rubbing, ClockRates(physics_hz=200.0, control_hz=100.0, camera_hz=20.0))
 
 
 @pytest.fixture(scope="module")
@@ -256,7 +256,7 @@ def test_two_runs_agree_to_the_bit_whoever_looks(theatre):
 def test_episodes_report_the_worst_force_at_each_port(task_env):
     ports = []
     for trocar in (TrocarConfig(), TrocarConfig.named("none")):
-        env = task_env("track", observation_mode="state", loop=LoopConfig(trocar=trocar))
+        env = task_env("track", observation_mode="state", trocar=trocar)
         env.reset(seed=3)
         infos = [env.step(np.array([0.05, 0.0, 0.0], np.float32))[-1] for _ in range(5)]
         ports.append([info["port_force_n"] | {"seal": info["port_friction_n"]["tool"]} for info in infos])

@@ -1,0 +1,240 @@
+"""What an episode is: one tree of configuration, and the few options that people change most."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, TypeVar, get_args
+
+from pydantic import JsonValue, PlainValidator, SerializeAsAny
+from pydantic_core import PydanticCustomError
+
+from laploop.configuration import Field, configuration, from_plain
+from laploop.control.targeting.targeting import PredictionName
+from laploop.envs.loop.latency import ConstantLatency, TraceLatency
+from laploop.envs.sensors.optics.presets import optics_preset
+from laploop.envs.tasks.registry import TASKS, default_config, task_spec
+from laploop.envs.tasks.task_config import TaskConfig
+from laploop.envs.theatre.actuation import ActuationConfig, ActuationName
+from laploop.envs.theatre.organ_motion import BaseMotion, MotionName
+from laploop.envs.theatre.trocar import TrocarConfig
+from laploop.errors import InvalidValueError, UnknownNameError
+from laploop.perception.estimators.registry import ESTIMATORS
+
+OWN = "own"
+"""Name of the task's own controller, and of the controller's own predictor."""
+
+T = TypeVar("T")
+
+
+@configuration
+class PerceptionConfig:
+    """The depth estimator."""
+
+    name: str = "compact"
+    """compact (network), phase (classical demodulation), oracle (exact depth), another network, or module:Class."""
+    weights: Path | None = None
+    """Weights file (.safetensors) of a network, in place of the shipped one."""
+    arguments: dict[str, JsonValue] = Field(default_factory=dict)
+    """Further arguments of the estimator, by name."""
+
+    def __post_init__(self) -> None:
+        """Check the name.
+
+        Raises:
+            UnknownNameError: If there is no such estimator.
+        """
+        ESTIMATORS.check(self.name)
+
+
+@configuration
+class ControllerConfig:
+    """Who commands the tip."""
+
+    name: str = OWN
+    """own (the task's scripted controller), the name of another, or module:Class."""
+    arguments: dict[str, JsonValue] = Field(default_factory=dict)
+    """Further arguments of the controller, by name."""
+
+
+@configuration
+class PredictorConfig:
+    """How a scripted controller bridges the age of the depth."""
+
+    name: str = OWN
+    """own (rate for reach, rhythms for the others), none (holds the newest measurement), rate (extrapolates at the latest
+    rate), rhythms (learns breathing and heartbeat), or module:Class."""
+    arguments: dict[str, JsonValue] = Field(default_factory=dict)
+    """Further arguments of the predictor, by name."""
+
+    def __post_init__(self) -> None:
+        """Check the name.
+
+        Raises:
+            UnknownNameError: If there is no such predictor.
+        """
+        if self.name != OWN and ":" not in self.name and self.name not in get_args(PredictionName):
+            raise UnknownNameError("prediction", self.name, get_args(PredictionName))
+
+
+def _task(value: object) -> TaskConfig:
+    """Take the configuration of a task as it is, or as a file holds it; its field `kind` says which task."""
+    if isinstance(value, Mapping):
+        kind = value.get("kind", "reach")
+        return from_plain(task_spec(kind).config_class, value)
+    if not isinstance(value, TaskConfig) or not isinstance(value, task_spec(value.kind).config_class):
+        raise PydanticCustomError("task", "the configuration of a task")
+    return value
+
+
+@configuration
+class EpisodeConfig:
+    """An episode: the task with its loop and theatre, the estimator, the controller, and the seed.
+
+    Equal configurations make equal episodes, to the bit, on the same machine.
+    """
+
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 0
+    """Decides the tissue, the target and all noise."""
+    perception: PerceptionConfig = Field(default_factory=PerceptionConfig)
+    controller: ControllerConfig = Field(default_factory=ControllerConfig)
+    predictor: PredictorConfig = Field(default_factory=PredictorConfig)
+    # A controller that fails must not bring the arm's loop down.
+    task: Annotated[SerializeAsAny[TaskConfig], PlainValidator(_task)] = Field(
+        default_factory=lambda: default_config("reach", bad_action="hold")
+    )
+    """What to do, and where."""
+
+    @classmethod
+    def of(cls, **options: Any) -> "EpisodeConfig":
+        """Make an episode from the options of `EpisodeOptions`, as `of(task="track", motion="both", seconds=14.0)`.
+
+        Raises:
+            LaploopError: If there is no such option, or a value is not allowed.
+        """
+        return EpisodeOptions(**options).episode()
+
+    def changed(self, **options: Any) -> "EpisodeConfig":
+        """Return the episode with options of `EpisodeOptions` changed.
+
+        Raises:
+            LaploopError: If there is no such option, or a value is not allowed.
+        """
+        return EpisodeOptions(**options).applied_to(self)
+
+    def motion_name(self) -> str:
+        """Return how the tissue moves: still, breathing, beating, both, or custom."""
+        return _name_of(self.task.loop.theatre.motion, BaseMotion, get_args(MotionName))
+
+    def actuation_name(self) -> str:
+        """Return how the arms follow their targets: ideal, ur5-cb, ur5-e, or custom."""
+        return _name_of(self.task.loop.theatre.actuation, ActuationConfig, get_args(ActuationName))
+
+
+@configuration
+class EpisodeOptions:
+    """The options of an episode that people change most; what is left out stays as it is."""
+
+    task: str | None = None
+    """What to do: reach (touch a point that was chosen in the first frame; the default), track (hold 3 mm above it), palpate
+    (press on it with 0.5 N), scan (follow a line drawn in the first frame), look (keep a point in the middle of the view), or
+    module:SPEC."""
+    perception: str | None = None
+    """Depth estimator: compact (network; the default), phase (classical demodulation), oracle (exact depth), another network,
+    or module:Class."""
+    weights: Path | None = None
+    """Weights file (.safetensors) of a network, in place of the shipped one."""
+    controller: str | None = None
+    """Who commands the tip: own (the task's scripted controller; the default), the name of another, or module:Class."""
+    prediction: str | None = None
+    """How the scripted controller bridges the age of the depth: none (holds the newest measurement), rate (extrapolates at the
+    latest rate), rhythms (learns breathing and heartbeat), or module:Class. By default rate for reach, rhythms otherwise."""
+    optics: str | None = None
+    """Light, surfaces and sensor: paper (the laparoscope that the simulator follows; the default), ideal, worst."""
+    motion: str | None = None
+    """How the tissue moves: still, breathing (10 mm, 0.25 Hz), beating (1 mm, 1.2 Hz), or both. By default the task's own: both
+    for track, breathing for look, still for the others."""
+    seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
+    """Decides the tissue, the target and all noise; 0 by default."""
+    seconds: float | None = None
+    """Simulated time after which the episode ends: by default 10 s for reach and look, 15 palpate, 20 track, 30 scan."""
+    hold_s: float | None = None
+    """How long to hold until the episode ends as a success: within 1.5 mm of an ideal touch without a break for reach (by
+    default 0.3 s), within 0.1 N of 0.5 N for 95 % of the time for palpate (3 s)."""
+    actuation: str | None = None
+    """How the arms follow their joint targets: ideal (the default), ur5-cb (125 Hz, 35 ms delay, 30 ms lag), ur5-e (500 Hz, 34
+    and 20 ms)."""
+    trocar: str | None = None
+    """What the wall and the seal of each trocar do to the shaft: lubricated (2 N/mm, 0.75 N of friction; the default), dry
+    (8 N), none."""
+    perception_latency_ms: float | None = None
+    """From the capture of a frame to the arrival of its depth, in simulated time; 40 ms by default."""
+    latency_trace: Path | None = None
+    """CSV file with a column latency_ms, as `laploop speed` writes it, replayed in place of the constant latency."""
+    transfer_latency_ms: float | None = None
+    """From the capture of a frame to its arrival at the estimator; comes on top of the perception latency, but does not keep
+    the estimator busy. 0 ms by default."""
+    phantom: Path | None = None
+    """Closed surface to be the tissue instead of a seeded one: .stl, .obj or .ply, millimetres, z up, 20-200 mm a side."""
+
+    def episode(self) -> EpisodeConfig:
+        """Return the episode of the task as it is by default, but for these options.
+
+        Raises:
+            LaploopError: If a value is not allowed.
+        """
+        # A controller that fails must not bring the arm's loop down.
+        return self.applied_to(EpisodeConfig(task=default_config(self.task or "reach", bad_action="hold")))
+
+    def applied_to(self, episode: EpisodeConfig) -> EpisodeConfig:
+        """Return an episode with these options in place; reads phantom and latency trace where they are given.
+
+        Raises:
+            LaploopError: If a value is not allowed, or a file does not exist or is damaged.
+        """
+        task = episode.task
+        if self.task not in {None, task.kind}:
+            raise InvalidValueError("task", self.task, f"{task.kind}, as in the rest of the configuration")
+        if self.hold_s is not None and not task_spec(task.kind).holds:
+            holding = [name for name in TASKS.names() if task_spec(name).holds]
+            raise InvalidValueError("hold_s", self.hold_s, f"only with the tasks {' and '.join(holding)}")
+        theatre = _with(
+            task.loop.theatre,
+            motion=None if self.motion is None else BaseMotion.named(self.motion),
+            actuation=None if self.actuation is None else ActuationConfig.named(self.actuation),
+            trocar=None if self.trocar is None else TrocarConfig.named(self.trocar),
+            tissue=None if self.phantom is None else replace(task.loop.theatre.tissue, mesh=self.phantom),
+        )
+        loop = _with(
+            task.loop,
+            theatre=theatre,
+            optics=None if self.optics is None else optics_preset(self.optics),
+            latency=self._latency(),
+            transfer_ms=self.transfer_latency_ms,
+        )
+        perception = episode.perception if self.perception is None else PerceptionConfig(name=self.perception)
+        return _with(
+            episode,
+            seed=self.seed,
+            perception=_with(perception, weights=self.weights),
+            controller=None if self.controller is None else ControllerConfig(name=self.controller),
+            predictor=None if self.prediction is None else PredictorConfig(name=self.prediction),
+            task=_with(task, loop=loop, max_seconds=self.seconds, success_hold_s=self.hold_s),
+        )
+
+    def _latency(self) -> ConstantLatency | TraceLatency | None:
+        if self.latency_trace is not None:
+            if self.perception_latency_ms is not None:
+                allowed = "none where a latency trace is given"
+                raise InvalidValueError("perception_latency_ms", self.perception_latency_ms, allowed)
+            return TraceLatency.from_csv(self.latency_trace)
+        return None if self.perception_latency_ms is None else ConstantLatency(latency_ms=self.perception_latency_ms)
+
+
+def _with(config: T, **changes: Any) -> T:
+    """Return a configuration with those fields changed that have a value."""
+    given = {name: value for name, value in changes.items() if value is not None}
+    return replace(config, **given) if given else config  # type: ignore[type-var]
+
+
+def _name_of(value: object, kind: type[BaseMotion] | type[ActuationConfig], names: tuple[str, ...]) -> str:
+    return next((name for name in names if kind.named(name) == value), "custom")
