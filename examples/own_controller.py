@@ -52,7 +52,7 @@ class VisualServo:
             self.goal = here + self.height_m * normal / np.linalg.norm(normal)
 
 
-config = EpisodeConfig(task="track", perception="phase", motion=options.motion, seed=1, seconds=options.steps * 0.008 + 0.1)
+config = EpisodeConfig.of(task="track", perception="phase", motion=options.motion, seed=1, seconds=options.steps * 0.008 + 0.1)
 for name, controller in (("visual servo", VisualServo()), ("scripted", None)):
     summary = run_episode(config, controller=controller)
     error, force = summary["target_error_mm"]["final"], summary["contact_force_n"]["max"]

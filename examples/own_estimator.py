@@ -34,7 +34,7 @@ class SmoothedPhase:
 
 ESTIMATORS.register("smoothed-phase", SmoothedPhase)
 for name in ("phase", "smoothed-phase"):
-    summary = run_episode(EpisodeConfig(perception=name, seed=1, seconds=options.steps * 0.008 + 0.04))
+    summary = run_episode(EpisodeConfig.of(perception=name, seed=1, seconds=options.steps * 0.008 + 0.04))
     print(
         f"{name:15s} depth error {summary['depth_mae_mm']:.2f} mm, ended by {summary['terminated_by']}, "
         f"{summary['target_error_mm']['final']:.2f} mm from an ideal touch"

@@ -47,7 +47,7 @@ class Parabola:
 
 
 rig = Rig.from_optics(ScopeOptics())
-config = EpisodeConfig(task="track", perception="phase", motion=options.motion, seed=1, seconds=options.steps * 0.008 + 0.1)
+config = EpisodeConfig.of(task="track", perception="phase", motion=options.motion, seed=1, seconds=options.steps * 0.008 + 0.1)
 for name, predictor in (("parabola", Parabola()), ("rhythms", None)):
     summary = run_episode(config, controller=TrackController(rig, predictor=predictor))
     # Tracking is judged from 10 s on, when the rhythms have been learnt.

@@ -170,7 +170,7 @@ def test_a_real_campaign_goes_on_where_it_was(tmp_path):
     tiny = Campaign(
         name="tiny",
         about="",
-        episode=EpisodeConfig(task="scan", perception="oracle", seconds=0.1),
+        episode=EpisodeConfig.of(task="scan", perception="oracle", seconds=0.1),
         checks=(Check(name="scanned", column="path_progress", at_least=1.0),),
     )
     config, counts = TaskTableConfig(seeds=1, first_seed=3), []

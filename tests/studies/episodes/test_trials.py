@@ -10,7 +10,7 @@ from laploop.studies.episodes import trials
 from laploop.studies.episodes.trials import COLUMNS, TrialsConfig, as_csv, as_markdown, run_trials, summarise, wilson_interval
 from laploop.studies.episodes.trials_figure import draw_trials
 
-EPISODE = EpisodeConfig(perception="oracle", seconds=1.0)
+EPISODE = EpisodeConfig.of(perception="oracle", seconds=1.0)
 
 
 def row_for(episode):

@@ -41,10 +41,10 @@ def test_trace_is_replayed_to_the_nanosecond(tmp_path):
 def test_episode_takes_a_trace_in_place_of_the_constant(tmp_path):
     path = tmp_path / "latency_trace.csv"
     path.write_text("frame,latency_ms\n0,12.5\n")
-    latency = EpisodeConfig(latency_trace=path).task_config().loop.latency
+    latency = EpisodeConfig.of(latency_trace=path).task.loop.latency
     assert latency.sample_ns(np.random.default_rng(0)) == 12_500_000
     with pytest.raises(MissingFileError, match="latency trace"):
-        EpisodeConfig(latency_trace=tmp_path / "none.csv").task_config()
+        EpisodeConfig.of(latency_trace=tmp_path / "none.csv")
 
 
 def test_options_that_do_not_go_together_are_refused(tmp_path):
