@@ -10,7 +10,7 @@ import numpy as np
 
 import laploop  # noqa: F401  registers the environments
 from laploop.control import ReachController
-from laploop.envs import BaseMotion, ReachConfig
+from laploop.envs import EpisodeConfig
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=1500, help="control periods of 8 ms at most")
@@ -20,7 +20,7 @@ parser.add_argument("--perception", default="compact")
 options = parser.parse_args()
 
 # The environment renders stripes, has the network turn each frame into depth, and delivers the depth 40 ms later.
-config = ReachConfig(motion=BaseMotion.named(options.motion), max_seconds=12.0)
+config = EpisodeConfig.of(task="reach", motion=options.motion, seconds=12.0).task
 env = gym.make("laploop/Reach-v0", config=config, perception=options.perception)
 observation, info = env.reset(seed=options.seed)
 print(f"target pixel {observation['target_pixel']}, depth is {info['depth_age_ms']:.0f} ms old at the start")

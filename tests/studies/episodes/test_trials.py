@@ -4,7 +4,8 @@ from dataclasses import replace
 import pytest
 
 from laploop.cli.main import main
-from laploop.envs.episode import EpisodeConfig
+from laploop.envs import episode
+from laploop.envs.episode_config import EpisodeConfig
 from laploop.errors import InvalidValueError, LaploopError, MissingFileError, SimulationError
 from laploop.studies.episodes import trials
 from laploop.studies.episodes.trials import COLUMNS, TrialsConfig, as_csv, as_markdown, run_trials, summarise, wilson_interval
@@ -38,7 +39,7 @@ def test_rows_come_in_the_order_of_seeds(tmp_path):
 
 @pytest.mark.slow  # each worker imports everything
 def test_two_workers_give_the_same_rows_as_one(tmp_path):
-    config = TrialsConfig(episode=replace(EPISODE, seconds=0.1), seeds=2)
+    config = TrialsConfig(episode=EPISODE.changed(seconds=0.1), seeds=2)
     (tmp_path / "one").mkdir()
     (tmp_path / "two").mkdir()
     alone = run_trials(config, tmp_path / "one")
@@ -70,7 +71,7 @@ def test_finished_episodes_are_not_run_again(tmp_path):
 def test_rows_of_another_configuration_are_not_taken(tmp_path):
     run_trials(TrialsConfig(episode=EPISODE, seeds=2), tmp_path, run=row_for)
     seen = []
-    other = TrialsConfig(episode=replace(EPISODE, motion="both"), seeds=2)
+    other = TrialsConfig(episode=EPISODE.changed(motion="both"), seeds=2)
     run_trials(other, tmp_path, run=lambda episode: seen.append(episode.seed) or row_for(episode))
     assert seen == [0, 1]
 
@@ -79,7 +80,7 @@ def test_failed_episode_is_a_row_without_success_and_is_tried_again(tmp_path, mo
     def fail(_episode):
         raise SimulationError("MuJoCo warned of BADQACC")
 
-    monkeypatch.setattr(trials, "run_episode", fail)
+    monkeypatch.setattr(episode, "run_episode", fail)
     config = TrialsConfig(episode=EPISODE, seeds=1)
     (row,) = run_trials(config, tmp_path)
     assert (row["success"], row["terminated_by"], row["error"]) == (False, "error", "MuJoCo warned of BADQACC")
@@ -153,7 +154,7 @@ def test_command_runs_real_episodes_and_goes_on_where_it_was(tmp_path, capsys, m
     assert main(arguments) == 0
     first = json.loads((tmp_path / "summary.json").read_text())
     assert (first["episodes"], first["success_rate"], first["terminated_by"]) == (2, 0.0, {"time": 2})
-    monkeypatch.setattr(trials, "run_episode", lambda _: pytest.fail("an episode was run again"))
+    monkeypatch.setattr(episode, "run_episode", lambda _: pytest.fail("an episode was run again"))
     assert main(arguments) == 0
     assert json.loads((tmp_path / "summary.json").read_text())["rows"] == first["rows"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["rows", "summary.json", "trials.csv", "trials.md", "trials.png"]
@@ -164,16 +165,16 @@ def test_command_fails_when_an_episode_could_not_be_run(tmp_path, monkeypatch):
     def fail(_episode):
         raise SimulationError("broken")
 
-    monkeypatch.setattr(trials, "run_episode", fail)
+    monkeypatch.setattr(episode, "run_episode", fail)
     assert main(["trials", "--perception", "oracle", "--seeds", "1", "--out", str(tmp_path)]) == 1
     assert "broken" in (tmp_path / "trials.csv").read_text()
 
 
-@pytest.mark.parametrize("name", ["weights", "phantom", "latency_trace"])
+@pytest.mark.parametrize("name", ["weights", "phantom"])
 def test_rows_are_kept_by_the_content_of_files_not_by_their_path(tmp_path, name):
     first, second = tmp_path / "first", tmp_path / "second"
     first.write_text("one")
-    config = TrialsConfig(episode=replace(EPISODE, **{name: first}), seeds=2)
+    config = TrialsConfig(episode=EPISODE.changed(**{name: first}), seeds=2)
     rows = run_trials(config, tmp_path, run=row_for)
 
     def never(_episode):
@@ -181,7 +182,7 @@ def test_rows_are_kept_by_the_content_of_files_not_by_their_path(tmp_path, name)
 
     assert run_trials(config, tmp_path, run=never) == rows
     first.rename(second)
-    assert run_trials(replace(config, episode=replace(EPISODE, **{name: second})), tmp_path, run=never) == rows
+    assert run_trials(replace(config, episode=EPISODE.changed(**{name: second})), tmp_path, run=never) == rows
     first.write_text("another")
     with pytest.raises(AssertionError):
         run_trials(config, tmp_path, run=never)
