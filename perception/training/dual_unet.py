@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch.nn import functional
 
@@ -11,7 +10,7 @@ from laploop.configuration import to_plain
 from laploop.perception.networks.configs import DualUNetConfig
 from laploop.perception.networks.dual_unet import DualUNet
 from laploop.perception.training.losses import masked_l1, masked_mean
-from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, flip_and_gain, seeded
+from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, seeded
 from laploop.perception.training.run import TrainingRun
 from laploop.perception.training.settings import DualUNetTraining
 
@@ -27,7 +26,7 @@ class DualUNetRecipe(Recipe):
 
     def __init__(self, config: DualUNetConfig, training: DualUNetTraining) -> None:
         """Make the networks with random weights that depend on the seed alone."""
-        self.schedule = training.schedule
+        self.schedule, self.gain_range = training.schedule, training.gain_range
         self.settings = {name: value for name, value in to_plain(training).items() if name != "schedule"}
         self._training = training
         self.dual = seeded(lambda: DualUNet(config), training.schedule.seed)
@@ -37,10 +36,6 @@ class DualUNetRecipe(Recipe):
     def architecture(self) -> Mapping[str, object]:
         """The networks'."""
         return self.dual.config.architecture
-
-    def augment(self, sample: Sample, rng: np.random.Generator) -> Sample:
-        """Mirror and change the gain if the training has a gain range."""
-        return flip_and_gain(sample, rng, self._training.gain_range) if self._training.gain_range else sample
 
     def loss(self, batch: Batch, progress: float) -> Loss:  # noqa: ARG002 - the weights do not change
         """Return the sum of both networks' losses."""

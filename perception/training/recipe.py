@@ -60,6 +60,8 @@ class Recipe(ABC):
     schedule: Schedule
     settings: Mapping[str, object] = {}
     """What decides the result beside architecture, schedule and frames, as plain data: another one is not resumed."""
+    gain_range: float = 0.0
+    """Images are made brighter or darker by up to this fraction, and mirrored; 0 for no augmentation."""
     variants: int = 0
     """Augmented variants of a frame that the epochs take in turn; 0 for a new one in every epoch. Where it is set, `derive` is
     called once for each and what it returns is kept in memory."""
@@ -85,9 +87,9 @@ class Recipe(ABC):
         """Return more arrays of a frame than image and depth; read once, before training."""
         return {}
 
-    def augment(self, sample: Sample, rng: np.random.Generator) -> Sample:  # noqa: ARG002 - for recipes that need it
-        """Return a changed copy of a training sample; called anew for every frame and epoch."""
-        return sample
+    def augment(self, sample: Sample, rng: np.random.Generator) -> Sample:
+        """Return a changed copy of a training sample, by default of `flip_and_gain`; called for every frame and epoch."""
+        return flip_and_gain(sample, rng, self.gain_range) if self.gain_range else sample
 
     def derive(self, sample: Sample) -> Sample:  # noqa: ARG002 - for recipes that need it
         """Return more arrays of an augmented sample that no training changes, such as the output of frozen layers.

@@ -27,13 +27,11 @@ class ScaledOutput(Protocol):
 class ScaleRecipe(Recipe):
     """Augmentation and validation; the loss is the network's own."""
 
-    gain_range: float
-    """Images are made brighter or darker by up to this fraction."""
     max_scale_mm: float = 2.0
     """In validation, a pixel is valid where its predicted scale is at most this."""
 
     def augment(self, sample: Sample, rng: np.random.Generator) -> Sample:
-        """Mirror top to bottom, for which a rig with a centred camera stays the same, and change the gain."""
+        """Mirror top to bottom, for which a rig with a centred camera stays the same, and change the gain, if only by 0."""
         return flip_and_gain(sample, rng, self.gain_range)
 
     def truth_mm(self, batch: Batch) -> Tensor:

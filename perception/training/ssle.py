@@ -12,7 +12,7 @@ from laploop.perception.networks.configs import SsleConfig
 from laploop.perception.networks.ssle_network import SsleNetwork, SsleOutput
 from laploop.perception.networks.vq_vae import VqVae, depth_to_unit, image_to_unit, unit_to_depth
 from laploop.perception.training.losses import linear_ramp, masked_l1, spatial_loss, vq_loss
-from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, flip_and_gain, seeded
+from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, seeded
 from laploop.perception.training.run import TrainingRun
 from laploop.perception.training.samples import SampleDataset, Samples, stack
 from laploop.perception.training.settings import SsleTraining
@@ -29,7 +29,7 @@ class VqRecipe(Recipe):
         """Make a VQ-VAE of the `image` or the `depth` domain with random weights that depend on the seed alone."""
         self.name = f"vq-{domain}"
         self.error_unit = "grey" if domain == "image" else "mm"
-        self.schedule = training.vq
+        self.schedule, self.gain_range = training.vq, training.gain_range
         self.settings = _settings(training)
         self._domain, self._config, self._training = domain, config, training
         self.vq_vae = seeded(lambda: VqVae(config.image if domain == "image" else config.depth), training.vq.seed)
@@ -39,10 +39,6 @@ class VqRecipe(Recipe):
     def architecture(self) -> Mapping[str, object]:
         """The whole network's, and which part this is."""
         return {**self._config.architecture, "format": f"{self._config.form}-{self.name}"}
-
-    def augment(self, sample: Sample, rng: np.random.Generator) -> Sample:
-        """Mirror and change the gain if the training has a gain range."""
-        return flip_and_gain(sample, rng, self._training.gain_range) if self._training.gain_range else sample
 
     def loss(self, batch: Batch, progress: float) -> Loss:  # noqa: ARG002 - the weights do not change
         """Return L1 of the reconstruction, over pixels with a depth in the depth domain, plus the quantiser's loss."""
@@ -87,7 +83,7 @@ class UNetRecipe(Recipe):
         self, config: SsleConfig, training: SsleTraining, image: VqVae, depth: VqVae, statistics: tuple[Tensor, Tensor]
     ) -> None:
         """Put the network together from trained VQ-VAEs, and mean and deviation of the depth's quantised latents."""
-        self.schedule = training.unet
+        self.schedule, self.gain_range = training.unet, training.gain_range
         self.settings = _settings(training)
         self.variants = training.variants
         self._training = training
@@ -104,10 +100,6 @@ class UNetRecipe(Recipe):
     def architecture(self) -> Mapping[str, object]:
         """The network's."""
         return self.ssle.config.architecture
-
-    def augment(self, sample: Sample, rng: np.random.Generator) -> Sample:
-        """Mirror and change the gain if the training has a gain range."""
-        return flip_and_gain(sample, rng, self._training.gain_range) if self._training.gain_range else sample
 
     def loss(self, batch: Batch, progress: float) -> Loss:
         """Return the paper's total loss."""
