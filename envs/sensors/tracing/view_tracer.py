@@ -11,8 +11,7 @@ from laploop.envs.sensors.kernels import ray_kernels, zbuffer_kernels
 from laploop.envs.sensors.stripe_capture import ExactView
 from laploop.envs.sensors.tracing.ray_scene import RayScene
 from laploop.envs.sensors.tracing.strip_runner import StripRunner
-from laploop.errors import InvalidValueError
-from laploop.perception.geometry import Rig
+from laploop.perception.geometry import Rig, rigid_transform
 
 _NOTHING = 2**64 - 1
 _PROJECTOR_MARGIN_TAN = 0.08
@@ -115,11 +114,8 @@ class ViewTracer:
         Raises:
             InvalidValueError: If the pose is not a rigid 4x4 transform.
         """
-        pose = np.asarray(world_from_camera, dtype=np.float64)
+        pose = rigid_transform("world_from_camera", world_from_camera)
         rotation = pose[:3, :3]
-        # Products of a few float64 rotations are orthogonal to far better than 1e-6; scales and typing errors are not.
-        if pose.shape != (4, 4) or not (np.abs(rotation @ rotation.T - np.eye(3)) < 1e-6).all() or not np.isfinite(pose).all():
-            raise InvalidValueError("world_from_camera", world_from_camera, "a rigid 4x4 transform")
         projector_from_camera = self._rig.projector_from_camera
         projector_in_camera = -projector_from_camera[:3, :3].T @ projector_from_camera[:3, 3]
         rows = np.vstack([pose[:3, 3], rotation.T, rotation @ projector_in_camera + pose[:3, 3]])
