@@ -1,4 +1,4 @@
-"""The blunt probe that the tool arm holds, with a tip that feels force."""
+"""The blunt probe that the tool arm holds; the force on its tip can be read."""
 
 import math
 from typing import Any
@@ -11,19 +11,19 @@ from laploop.assets.shafts import INSTRUMENT, Shaft
 from laploop.assets.ur5 import ARM_COLLISION_BIT, ARM_GROUP
 
 TIP = "tip"
-"""Name of the body in front of the force sensor: ball end, neck and taper."""
+"""Name of the body distal of the force sensor: ball end, neck and taper."""
 
 TISSUE_COLLISION_BIT = 1
-"""Contact type of the tissue and of what can touch it."""
+"""Contact type of the tissue and of geoms that can touch it."""
 
 VISIBLE_GROUP = 1
-"""Geom group of whatever the endoscope can see."""
+"""Geom group that the endoscope can see."""
 
 COLLISION_GROUP = 3
-"""Geom group of geoms that exist for contact alone."""
+"""Geom group for contact alone, invisible."""
 
 HOLDER_LENGTH_M = 0.030
-"""What a 430 mm shaft has beyond the 400 mm of the instrument (see `shafts.INSTRUMENT`)."""
+"""The part of the 430 mm shaft beyond the 400 mm of the instrument (see `shafts.INSTRUMENT`)."""
 
 NECK_LENGTH_M = 0.010
 TAPER_LENGTH_M = 0.014
@@ -37,16 +37,16 @@ _STEEL = 7850.0
 def build_instrument(*, shaft: Shaft = INSTRUMENT) -> Any:
     """Build the instrument as a `mujoco.MjSpec` whose world frame is the flange, z along the shaft.
 
-    From the tip: a ball end of radius `tip_radius_m` on a neck of the same radius, a taper, and the shaft. Neck and taper are
-    a body of their own, as in front of a force sensor. MuJoCo's own force sensor does not feel contacts with a flex; the
-    theatre reads the contacts of this body instead.
+    From the tip: a ball end of radius `tip_radius_m` on a neck of the same radius, a taper, and the shaft. Ball, neck and
+    taper are one body, as if distal of a force sensor. MuJoCo's force sensor does not measure contacts with a flex; the
+    theatre sums the contacts of this body instead.
     """
     spec = mujoco.MjSpec()
     spec.modelname = "instrument"
     radius = 0.5 * shaft.diameter_m
     body = spec.worldbody.add_body(name="instrument", gravcomp=1.0)
     arm_contact = {"contype": ARM_COLLISION_BIT, "conaffinity": ARM_COLLISION_BIT, "density": _STEEL}
-    # How a contact behaves is the tissue's to say: its flex has the higher priority.
+    # The tissue's flex has the higher priority and sets the contact's parameters.
     tissue_contact = {"contype": TISSUE_COLLISION_BIT, "conaffinity": TISSUE_COLLISION_BIT}
     steel = [0.75, 0.76, 0.78, 1.0]
     body.add_geom(
@@ -94,7 +94,7 @@ def build_instrument(*, shaft: Shaft = INSTRUMENT) -> Any:
 
 
 def _add_taper(spec: Any, tip: Any, *, top_radius: float, end_radius: float, rgba: list[float]) -> None:
-    """Join neck and shaft by a frustum, in the tip's frame; it is seen, but its neighbours do the touching."""
+    """Join neck and shaft by a visible frustum, in the tip's frame, without contact."""
     sectors = 24
     angle = np.arange(sectors) * (2.0 * math.pi / sectors)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=-1)

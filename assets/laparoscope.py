@@ -12,24 +12,24 @@ from laploop.assets.ur5 import ARM_COLLISION_BIT, ARM_GROUP
 CAMERA = "camera"
 PROJECTOR = "projector"
 SHAFT_TIP = "shaft_tip"
-"""Names of the sites; each site's frame is the computer-vision frame of the channel (z forward, y down) or the shaft's."""
+"""Names of the sites; their frames are the channels' computer-vision frames (z forward, y down) and the shaft's frame."""
 
 HOLDER_LENGTH_M = 0.037
-"""What a 420 mm shaft has beyond the 383 mm from pivot to tip (see `shafts.LAPAROSCOPE`)."""
+"""The part of the 420 mm shaft beyond the 383 mm from pivot to tip (see `shafts.LAPAROSCOPE`)."""
 
 _DENSITY = 4000.0
-"""Half steel, half glass and air by volume, kg/m^3; an estimate, the arm feels it through its inertia only."""
+"""Half steel, half glass and air by volume, kg/m^3; an estimate, which affects the arm's inertia only."""
 
 
 def build_laparoscope(*, shaft: Shaft = LAPAROSCOPE, optics: ScopeOptics | None = None) -> Any:
     """Build the laparoscope as a `mujoco.MjSpec` whose world frame is the flange, z along the shaft.
 
-    The camera channel sits at x = -b/2 and the projector channel at x = +b/2 of the tip's face, both looking along the shaft,
-    so that the projector is `baseline_m` to the camera's right.
+    The camera channel is at x = -b/2 and the projector channel at x = +b/2 of the tip's face, both along the shaft, so that
+    the projector is `baseline_m` to the camera's right.
 
     Args:
         shaft: Length and diameter.
-        optics: Channels' distance and field of view; the nominal scope when None.
+        optics: Channels' distance and field of view; by default the nominal scope's.
     """
     optics = ScopeOptics() if optics is None else optics
     spec = mujoco.MjSpec()

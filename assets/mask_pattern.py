@@ -1,4 +1,4 @@
-"""Transmission of a mask as an image, in a form that a configuration can hold: short, hashable, fit for JSON."""
+"""A mask's transmission as an image in text form, for configurations: short, hashable, fit for JSON."""
 
 import base64
 import binascii
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from laploop.errors import InvalidValueError
 
 LARGEST_SIDE = 1024
-"""Rows and columns that a pattern may have: four times as many as the camera has pixels."""
+"""Most rows and columns of a pattern: four times the camera's pixels."""
 
 _HEAD = re.compile(r"([0-9]{1,4})x([0-9]{1,4}):")
 _ALLOWED = "ROWSxCOLUMNS: and base64 of zlib of one byte a pixel, as `encode_pattern` writes it"
@@ -47,10 +47,10 @@ def decode_pattern(pattern: str) -> NDArray[np.float64]:
         raise InvalidValueError("shape of a mask's pattern", (rows, columns), f"(rows, columns), 1 to {LARGEST_SIDE} each")
     try:
         packed = base64.b64decode(pattern[head.end() :], validate=True)
-        # One byte more than is due tells a text that is too long, without unpacking all of it.
+        # One byte more than expected reveals a text that is too long without unpacking all of it.
         grey = zlib.decompressobj().decompress(packed, rows * columns + 1)
     except (binascii.Error, zlib.error, ValueError) as error:
         raise InvalidValueError("pattern", shown, f"{_ALLOWED} ({error})") from error
     if len(grey) != rows * columns:
-        raise InvalidValueError("pattern", shown, f"{rows * columns} pixels as its head says, not {len(grey)} or more")
+        raise InvalidValueError("pattern", shown, f"{rows * columns} pixels, as in its head; found {len(grey)} or more")
     return np.frombuffer(grey, dtype=np.uint8).reshape(rows, columns) / 255.0

@@ -1,4 +1,4 @@
-"""What does not move by itself: the table, the abdominal wall with its trocars, and the stage that carries the phantom."""
+"""The table, the abdominal wall with its trocars, and the stage that carries the phantom."""
 
 import math
 from collections.abc import Mapping
@@ -25,13 +25,13 @@ def build_operating_table(
 ) -> Any:
     """Build the table and the abdominal wall as a `mujoco.MjSpec`, table top at z = 0.
 
-    The wall is a flat sheet for orientation only: it does not collide, the controllers keep the shafts in the trocars. Each
-    trocar is a ring and a site of its name in the wall's plane.
+    The wall is a flat sheet for display only: it does not collide, the controllers keep the shafts in the trocars. Each trocar
+    is a ring and a site of its name in the wall's plane.
 
     Args:
         wall_height_m: Height of the sheet above the table top.
-        trocars: Position (3,) of each trocar's middle in the world, by name.
-        trocar_diameter_m: Clear width of the rings: a 12 mm shaft with play.
+        trocars: Centre (3,) of each trocar in the world, by name.
+        trocar_diameter_m: Inner diameter of the rings: a 12 mm shaft with play.
 
     Raises:
         InvalidValueError: If a trocar does not lie in the wall.
@@ -69,7 +69,7 @@ def build_operating_table(
 def build_stage() -> Any:
     """Build the motorised stage as a `mujoco.MjSpec`: the body `plate`, whose origin is the middle of its upper face.
 
-    Its position is prescribed (a mocap body): the drive of the real stage is stiff against everything that rests on it.
+    Its position is prescribed (a mocap body): the real stage's drive does not yield to what rests on it.
     """
     spec = mujoco.MjSpec()
     spec.modelname = "stage"
@@ -81,7 +81,7 @@ def build_stage() -> Any:
         pos=[0.0, 0.0, -0.5 * STAGE_PLATE_THICKNESS_M],
         size=[half, half, 0.5 * STAGE_PLATE_THICKNESS_M],
         group=VISIBLE_GROUP,
-        # A plate that met the tissue resting on it would fill the contact list.
+        # Contacts with the tissue that rests on the plate would fill the contact list.
         contype=0,
         conaffinity=0,
         rgba=[0.35, 0.36, 0.38, 1.0],

@@ -1,6 +1,6 @@
-"""Dimensions of what the two arms hold, free of any simulator.
+"""Dimensions of the shafts that the two arms hold.
 
-A shaft's frame sits at its tip, z along the shaft away from the flange; on the arm it is the flange frame `tool0` moved by
+A shaft's frame is at its tip, z along the shaft away from the flange; on the arm it is the flange frame `tool0` moved by
 `length_m` along z.
 """
 

@@ -29,7 +29,7 @@ class TissueMesh:
     """(t, 3), indices into `surface_vertices`, anticlockwise when seen from outside; those of the top come first."""
     top_triangle_count: int
     fills_box: bool
-    """Whether no lattice cell of the mesh's box is nearly empty."""
+    """Whether the solid extends through the whole of its bounding box, so that no lattice cell is nearly empty."""
 
 
 def solid_mesh(shape: TissueShape, height: Array) -> TissueMesh:

@@ -27,7 +27,7 @@ def height_field(shape: TissueShape, rng: np.random.Generator) -> Array:
     lobes, undulation, bulges = lobes[window], undulation[window], bulges[window]
     lobes = _with_ridges(shape, lobes, rng)
     height = shape.lobe_height_m * lobes * (1.0 + 0.06 * undulation) + 0.0022 * undulation + 0.0009 * bulges
-    # Rounds creases and the flanks of ridges to what tissue about 2 mm thick can do, and what the mesh can carry.
+    # Rounds creases and the flanks of ridges to the curvature of tissue about 2 mm thick, which the mesh can resolve.
     height = ndimage.gaussian_filter(height, 0.0014 / pitch, mode="nearest")
     height *= min(1.0, (shape.height_m - shape.floor_m) / float(np.ptp(height)))
     height += shape.height_m - height.max()
@@ -46,7 +46,7 @@ def _labyrinth(rng: np.random.Generator, wave: float) -> Array:
 
 
 def _lobes(pattern: Array, wave: float) -> Array:
-    """Turn the pattern into lobes of round cross-section, 0 in the creases and 1 on the crests."""
+    """Turn the pattern into lobes of round cross-section: 0 in the creases, 1 on the crests."""
     envelope = np.sqrt(2.0 * ndimage.gaussian_filter(pattern**2, 0.5 * wave, mode="wrap"))
     # Where the pattern is a plane wave, this is the distance from the crest in half wavelengths.
     distance = np.arccos(np.clip(pattern / envelope, -1.0, 1.0)) / np.pi
@@ -75,7 +75,7 @@ def _with_ridges(shape: TissueShape, lobes: Array, rng: np.random.Generator) -> 
 
 
 def _rounded_border(shape: TissueShape) -> Array:
-    """Return a factor (samples, samples) that lets the tissue fall off towards its four sides in a quarter of an ellipse."""
+    """Return a factor (samples, samples) that rounds the tissue off towards its four sides in a quarter of an ellipse."""
     line = np.linspace(0.0, shape.side_m, shape.samples)
     margin = 0.012
     inside = np.clip(np.minimum(line, shape.side_m - line) / margin, 0.0, 1.0)

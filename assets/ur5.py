@@ -1,4 +1,4 @@
-"""The UR5 for MuJoCo, from the same URDF that Pinocchio reads."""
+"""The UR5 for MuJoCo, from the URDF that Pinocchio reads, too."""
 
 from pathlib import Path
 from typing import Any
@@ -9,25 +9,24 @@ from laploop.assets.ur5_description import FLANGE, JOINT_NAMES, VELOCITY_GAIN_RA
 from laploop.errors import InvalidValueError
 
 ARM_GROUP = 2
-"""Geom group of the arms and of whatever else the endoscope cannot see."""
+"""Geom group of arms, shafts and furniture, which the endoscope cannot see."""
 
 ARM_COLLISION_BIT = 2
-"""Contact type of the arms and shafts; the tissue has bit 1, so that arms meet arms and only the tool's tip meets tissue."""
+"""Contact type of arms and shafts; the tissue has bit 1, so that arms collide with arms and only the tool's tip with tissue."""
 
 ARMATURE = 0.1
-"""Inertia in kg m^2 that rotors and gears add to each joint: the value of MuJoCo Menagerie's UR5e."""
+"""Inertia in kg m^2 that rotors and gears add to each joint, from MuJoCo Menagerie's UR5e."""
 
 POSITION_GAINS = (8.0e4, 8.0e4, 4.0e4, 1.2e4, 1.2e4, 1.0e4)
-"""Stiffness of each joint's servo in N m/rad, about proportional to the inertia that the joint moves, so that all joints
-answer with nearly the same bandwidth."""
+"""Stiffness of each joint's servo in N m/rad, about proportional to the inertia that it moves, so that all joints have
+nearly the same bandwidth."""
 
 
 def build_ur5(*, armature: float = ARMATURE, actuated: bool = True) -> Any:
     """Build one UR5, base link at the origin, flange body `tool0`, as a `mujoco.MjSpec`.
 
-    Inertias, joints and meshes are the URDF's. Gravity is compensated on every body, as the real controller does.
-    Each joint gets a position servo `F = kp (u - q) - kd q'`, whose velocity feed-forward belongs into u as
-    `q_ref + kd / kp q'_ref`.
+    Inertias, joints and meshes are the URDF's. Gravity is compensated on every body, as by the real controller. Each joint
+    gets a position servo `F = kp (u - q) - kd q'`; velocity feed-forward enters through `u = q_ref + kd / kp q'_ref`.
 
     Args:
         armature: Inertia added to each joint, kg m^2; 0 keeps the mass matrix of the URDF alone.
@@ -53,7 +52,7 @@ def build_ur5(*, armature: float = ARMATURE, actuated: bool = True) -> Any:
         geom.conaffinity = ARM_COLLISION_BIT
         geom.rgba = [0.62, 0.68, 0.75, 1.0]
         if geom.type != mujoco.mjtGeom.mjGEOM_MESH:
-            # A tiny box at ee_link, which is not there on the real arm.
+            # A tiny box at ee_link that the real arm does not have.
             spec.delete(geom)
     for name, gain in zip(JOINT_NAMES, POSITION_GAINS, strict=True):
         spec.joint(name).armature = armature

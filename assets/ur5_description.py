@@ -1,4 +1,4 @@
-"""Where the UR5's URDF and meshes lie: the single source for MuJoCo and Pinocchio."""
+"""The UR5's URDF and meshes: the single source for MuJoCo and Pinocchio."""
 
 from importlib.metadata import distribution
 from pathlib import Path
@@ -28,9 +28,8 @@ def description_dir() -> Path:
     Raises:
         MissingFileError: If the package lacks it.
     """
-    root = Path(
-        str(distribution("example-robot-data").locate_file("cmeel.prefix/share/example-robot-data/robots/ur_description"))
-    )
+    data = "cmeel.prefix/share/example-robot-data/robots/ur_description"
+    root = Path(str(distribution("example-robot-data").locate_file(data)))
     if not root.is_dir():
         raise MissingFileError("UR5 description", root, "reinstall example-robot-data")
     return root

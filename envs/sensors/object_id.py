@@ -1,4 +1,4 @@
-"""What a pixel can show."""
+"""Classes of objects that a pixel can show."""
 
 from enum import IntEnum
 
@@ -17,7 +17,7 @@ _BY_PREFIX = {"tool_arm/": ObjectId.TOOL, "stage/": ObjectId.STAGE}
 
 
 def object_id_of_geom(name: str) -> ObjectId:
-    """Tell the class of a rigid geom from the prefix of its name."""
+    """Return the class of a rigid geom by the prefix of its name."""
     for prefix, object_id in _BY_PREFIX.items():
         if name.startswith(prefix):
             return object_id

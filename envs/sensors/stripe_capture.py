@@ -1,4 +1,4 @@
-"""What the stripe camera returns."""
+"""A capture of the stripe camera, and the exact geometry behind it."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExactView:
-    """What geometry alone says about each pixel's centre, (height, width, ...); NaN where nothing was hit."""
+    """Exact geometry at each pixel's centre, (height, width, ...); NaN where there is no surface."""
 
     depth_mm: NDArray[np.float32]
     """z-depth in the camera's frame."""
@@ -30,6 +30,6 @@ class StripeCapture(ExactView):
     """An image of the camera channel with the exact geometry behind it."""
 
     image: NDArray[Any]
-    """(height, width), grey values: uint8, or uint16 from 0 to 4095 if the optics say 12 bits."""
+    """(height, width), grey values: uint8, or uint16 from 0 to 4095 with 12 bits."""
     electrons: NDArray[np.float32]
     """(height, width), expected photo-electrons before noise, saturation and quantisation."""

@@ -115,7 +115,7 @@ class Actuation:
 
         Args:
             config: The robot.
-            q: (joints,), rad, where it stands.
+            q: (joints,), rad, the initial position.
             timestep_ns: The physics step.
             control_steps: Physics steps from one target to the next: how long a target is extrapolated by its velocity.
 
@@ -132,7 +132,7 @@ class Actuation:
         self.reset(q)
 
     def reset(self, q: Array) -> None:
-        """Stand at q, (joints,) rad, at rest, with no target in flight.
+        """Rest at q, (joints,) rad, with no target in flight.
 
         Raises:
             InvalidValueError: If q is not finite or lies beyond the limit.

@@ -1,4 +1,4 @@
-"""One arm of the theatre: where it stands, where its numbers lie, and what its servos are told."""
+"""One arm of the theatre: its place, its indices in the model, and the set points of its servos."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +16,7 @@ Indices = NDArray[np.int32]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Arm:
-    """An arm and what it holds; its numbers lie in the model's arrays at the given indices, joints in URDF order."""
+    """An arm with its shaft; indices are into the model's arrays, joints in URDF order."""
 
     name: str
     prefix: str
@@ -25,14 +25,14 @@ class Arm:
     world_from_base: Array
     """4x4, pose of the base link."""
     trocar_in_world: Array
-    """(3,), where its shaft passes the wall."""
+    """(3,), where its shaft passes through the wall."""
     home_q: Array
     """(6,), joint angles at the start of an episode."""
     qpos_indices: Indices
     dof_indices: Indices
     actuator_indices: Indices
     tip_site: int
-    """Site whose frame is the shaft's."""
+    """Site with the shaft's frame."""
 
     @classmethod
     def of_model(
@@ -46,7 +46,7 @@ class Arm:
         trocar_in_world: Array,
         home_q: Array,
     ) -> "Arm":
-        """Find the indices of the arm called `name` in a compiled model; `tip_site` is its site's name behind the prefix."""
+        """Find the indices of the arm called `name` in a compiled model; `tip_site` is its site's name without the prefix."""
         prefix = f"{name}/"
         joints = [model.joint(prefix + joint) for joint in JOINT_NAMES]
         return cls(
@@ -64,11 +64,11 @@ class Arm:
 
 
 class JointReference:
-    """The servos' set point between two control ticks: the last target, carried on by its velocity for one period.
+    """The servos' set point between two control ticks: the last target, extrapolated by its velocity for one period.
 
-    In the k-th step of length h after the target, the servos get `q + k h q' + (kd / kp) q'`, the place to be at the end of
-    that step plus the velocity feed-forward that lets a damped servo follow a ramp without lag. When no new target comes
-    within the period, the joint is told to stand where the extrapolation ended.
+    In the k-th step of length h after the target, the servos get `q + k h q' + (kd / kp) q'`: the position at the end of that
+    step plus the velocity feed-forward with which a damped servo follows a ramp without lag. If no new target arrives within
+    the period, the joint stops where the extrapolation ended.
     """
 
     def __init__(self, *, q: Array, timestep_s: float, control_steps: int) -> None:
@@ -80,10 +80,10 @@ class JointReference:
         self._age_steps = 0
 
     def set_target(self, q: Array, qdot: Array | None) -> None:
-        """Take a new target, valid now; a missing velocity counts as zero.
+        """Set a new target, valid now; without a velocity it is zero.
 
         Raises:
-            InvalidValueError: If q or qdot is not as many finite numbers as there are joints.
+            InvalidValueError: If q or qdot is not one finite number a joint.
         """
         for name, values in (("q", q), ("qdot", qdot)):
             if values is not None and (np.shape(values) != self._q.shape or not np.all(np.isfinite(values))):

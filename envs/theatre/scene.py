@@ -1,4 +1,4 @@
-"""The theatre as one MuJoCo model: two arms with what they hold, table, wall, stage and phantom."""
+"""The theatre as one MuJoCo model: two arms with their shafts, table, wall, stage and phantom."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ from laploop.assets.laparoscope import SHAFT_TIP, build_laparoscope
 from laploop.assets.operating_table import STAGE_PLATE_THICKNESS_M, build_operating_table, build_stage
 from laploop.assets.phantom import TISSUE, build_phantom
 from laploop.assets.phantom_import.phantom_mesh import load_phantom
-from laploop.assets.shafts import INSTRUMENT, LAPAROSCOPE
+from laploop.assets.shafts import INSTRUMENT, LAPAROSCOPE, Shaft
 from laploop.assets.tissue_config import TissueConfig
 from laploop.assets.tissue_mesh import TissueMesh, mean_top_height, solid_mesh
 from laploop.assets.tissue_shape import height_field
@@ -30,24 +30,24 @@ CAMERA_ARM = "camera_arm"
 TOOL_ARM = "tool_arm"
 SCOPE_PREFIX = "scope/"
 INSTRUMENT_PREFIX = "instrument/"
-"""Prefixes, after the arm's own, of all names of what the flange holds."""
+"""Prefixes, after the arm's own, of all names of the held tool."""
 STAGE_PLATE = "stage/plate"
 TISSUE_FLEX = f"phantom/{TISSUE}"
 
 _CAMERA_SEED_Q = np.array([-0.20, -1.31, 0.77, -1.03, -1.57, -1.77])
 _TOOL_SEED_Q = np.array([-0.28, -1.79, 1.86, -2.31, -1.39, -0.22])
-"""Elbow up, wrist above the wall, far from singular."""
+"""Elbow up, wrist above the wall, far from singularities."""
 
 _WORKING_DISTANCE_RANGE_M = (0.075, 0.105)
 _TIP_CLEARANCE_M = 0.022
-"""Height of the tool's tip above the highest point of the tissue at rest; breathing takes 5 mm of it."""
+"""Initial height of the tool's tip above the highest point of the tissue at rest; breathing lessens it by 5 mm."""
 _SCOPE_CLEARANCE_M = 0.035
-"""Least room between the scope's tip and the highest point of the tissue at rest; the tool's ball end moves in there."""
+"""Smallest clearance between the scope's tip and the highest point of the tissue at rest; the tool's tip moves there."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Scene:
-    """A compiled model and where its parts are."""
+    """A compiled model and the places of its parts."""
 
     model: Any
     camera_arm: Arm
@@ -68,7 +68,7 @@ def build_scene(
     tip_x, tip_y = rng.uniform(0.036, 0.042), rng.uniform(-0.008, 0.008)
     distance = drawn_distance if config.working_distance_m is None else config.working_distance_m
     stage = np.array([0.0, 0.0, layout.scope_tip_z_m - distance - mean_height])
-    _check_room(stage, top_height, layout)
+    _check_clearances(stage, top_height, layout)
     tip = np.array([tip_x, tip_y, stage[2] + top_height + _TIP_CLEARANCE_M])
     scope_trocar = np.array([0.0, 0.0, layout.wall_z_m])
     tool_trocar = np.array([layout.tool_trocar_x_m, 0.0, layout.wall_z_m])
@@ -82,26 +82,22 @@ def build_scene(
         stage=stage,
     )
     scope_pose = _transform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, layout.scope_tip_z_m]))
+
+    def arm(name: str, prefix: str, shaft: Shaft, trocar: Array, shaft_pose: Array, seed_q: Array) -> Arm:
+        return Arm.of_model(
+            model,
+            name=name,
+            tip_site=f"{prefix}{SHAFT_TIP}",
+            shaft=shaft,
+            world_from_base=bases[name],
+            trocar_in_world=trocar,
+            home_q=start_posture(ArmModel(bases[name], shaft), shaft_pose, seed_q),
+        )
+
     return Scene(
         model=model,
-        camera_arm=Arm.of_model(
-            model,
-            name=CAMERA_ARM,
-            tip_site=f"{SCOPE_PREFIX}{SHAFT_TIP}",
-            shaft=LAPAROSCOPE,
-            world_from_base=bases[CAMERA_ARM],
-            trocar_in_world=scope_trocar,
-            home_q=start_posture(ArmModel(bases[CAMERA_ARM], LAPAROSCOPE), scope_pose, _CAMERA_SEED_Q),
-        ),
-        tool_arm=Arm.of_model(
-            model,
-            name=TOOL_ARM,
-            tip_site=f"{INSTRUMENT_PREFIX}{SHAFT_TIP}",
-            shaft=INSTRUMENT,
-            world_from_base=bases[TOOL_ARM],
-            trocar_in_world=tool_trocar,
-            home_q=start_posture(ArmModel(bases[TOOL_ARM], INSTRUMENT), _tool_pose(tip, tool_trocar), _TOOL_SEED_Q),
-        ),
+        camera_arm=arm(CAMERA_ARM, SCOPE_PREFIX, LAPAROSCOPE, scope_trocar, scope_pose, _CAMERA_SEED_Q),
+        tool_arm=arm(TOOL_ARM, INSTRUMENT_PREFIX, INSTRUMENT, tool_trocar, _tool_pose(tip, tool_trocar), _TOOL_SEED_Q),
         tissue_mesh=mesh,
         stage_in_world=stage,
         working_distance_m=distance,
@@ -118,19 +114,16 @@ def _tissue(config: TissueConfig, rng: np.random.Generator, solid: TissueMesh | 
     return solid_mesh(config.shape, height), float(height.mean()), float(height.max())
 
 
-def _check_room(stage: Array, top_height: float, layout: TheatreLayout) -> None:
-    """Check that the stage clears the table, and the tissue the scope.
-
-    Raises:
-        InvalidValueError: If one does not.
-    """
+def _check_clearances(stage: Array, top_height: float, layout: TheatreLayout) -> None:
+    """Raise unless the stage clears the table, and the tissue the scope."""
     if stage[2] < STAGE_PLATE_THICKNESS_M:
         allowed = f"at least {STAGE_PLATE_THICKNESS_M} m; a flatter phantom or a smaller working distance raises it"
         raise InvalidValueError("height of the stage above the table", round(float(stage[2]), 4), allowed)
-    room = layout.scope_tip_z_m - float(stage[2]) - top_height
-    if room < _SCOPE_CLEARANCE_M:
-        allowed = f"at least {_SCOPE_CLEARANCE_M} m; a more even phantom or a larger working distance gives more"
-        raise InvalidValueError("room between the scope's tip and the highest point of the tissue", round(room, 4), allowed)
+    clearance = layout.scope_tip_z_m - float(stage[2]) - top_height
+    if clearance < _SCOPE_CLEARANCE_M:
+        allowed = f"at least {_SCOPE_CLEARANCE_M} m; a flatter phantom or a larger working distance gives more"
+        name = "clearance between the scope's tip and the highest point of the tissue"
+        raise InvalidValueError(name, round(clearance, 4), allowed)
 
 
 def _compile(
@@ -146,14 +139,14 @@ def _compile(
     spec.modelname = "theatre"
     spec.compiler.fusestatic = False
     spec.option.timestep = timestep_s
-    # Tissue elasticity needs the discrete integrator. In contact, Newton needs one or two iterations where conjugate
-    # gradients need ten, or, against a hard contact with friction, a hundred.
+    # Tissue elasticity needs the discrete integrator. In contact, Newton takes one or two iterations where conjugate
+    # gradients take ten, or, in a hard contact with friction, a hundred.
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
     spec.option.tolerance = 1e-6
-    # Also the limit of the linear solve for the free motion, which needs up to 60 when the tissue starts to move.
+    # Also limits the linear solve for the free motion, which takes up to 60 when the tissue starts to move.
     spec.option.iterations = 300
     spec.memory = 400 * 2**20
     for name, prefix, held in (
@@ -178,7 +171,7 @@ def _bases(layout: TheatreLayout) -> dict[str, Array]:
 
 
 def _tool_pose(tip: Array, trocar: Array) -> Array:
-    """Put the tip in its place and the shaft through its trocar, the shaft's x close to the world's y."""
+    """Return the shaft's pose with its tip in place, through its trocar, its x close to the world's y."""
     z = (tip - trocar) / np.linalg.norm(tip - trocar)
     y = np.cross(z, [0.0, 1.0, 0.0])
     y /= np.linalg.norm(y)

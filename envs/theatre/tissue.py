@@ -1,4 +1,4 @@
-"""The phantom's surface as the simulator has it now."""
+"""The phantom's surface in the running simulation."""
 
 from typing import Any
 
@@ -15,12 +15,11 @@ class Tissue:
     """Visible surface of the deforming phantom: its top and its sides."""
 
     def __init__(self, model: Any, data: Any, *, flex_name: str, mesh: TissueMesh) -> None:
-        """Look at the flex of this name, which was made from `mesh`."""
+        """Follow the flex of this name, which was made from `mesh`."""
         self._data = data
         flex = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_FLEX, flex_name)
         self._rows = int(model.flex_vertadr[flex]) + mesh.surface_vertices.astype(np.intp)
-        self._triangles = mesh.triangles.copy()
-        self._triangles.flags.writeable = False
+        self._triangles = mesh.triangles
         self._top_triangle_count = mesh.top_triangle_count
         self._top_vertex_count = int(self._triangles[: mesh.top_triangle_count].max()) + 1
 
@@ -31,12 +30,12 @@ class Tissue:
 
     @property
     def top_triangles(self) -> NDArray[np.int32]:
-        """(k, 3), the triangles of the top alone; read-only."""
+        """(k, 3), the triangles of the top; read-only."""
         return self._triangles[: self._top_triangle_count]
 
     @property
     def top_vertex_count(self) -> int:
-        """The first so many of `surface_points` make the top; the rest belong to the sides alone."""
+        """Number of vertices of the top, the first of `surface_points`; the rest belong to the sides alone."""
         return self._top_vertex_count
 
     def surface_points(self) -> Array:

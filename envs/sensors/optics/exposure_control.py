@@ -19,8 +19,8 @@ class ExposureControl:
     """Brings a percentile of the image to a target by changing the exposure time frame by frame.
 
     Grey values are proportional to the exposure time, so that one step of the full ratio reaches the target where nothing
-    saturates. A step is limited to a factor of four: an image that is all dark or all saturated tells little about the
-    distance to the target.
+    saturates. A step is limited to a factor of four, since an image that is all dark or all saturated does not show how
+    far the target is.
     """
 
     target: Annotated[float, Field(ge=0.02, le=0.95)] = 0.6
@@ -53,7 +53,7 @@ class ExposureControl:
             return exposure_s
         full_scale = float(2**bits - 1)
         level = float(np.percentile(image, self.percentile)) / full_scale
-        # A saturated percentile only tells that it is too bright; one below a grey value, that it is too dark.
+        # A saturated percentile shows only that the image is too bright; one below a grey value, that it is too dark.
         if level >= _SATURATED:
             ratio = 1.0 / _LARGEST_STEP
         else:

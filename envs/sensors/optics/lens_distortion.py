@@ -17,13 +17,12 @@ _DIFFERENCE_TAN = 1e-6
 
 
 def distorted_rays(camera: Intrinsics, distortion: BrownDistortion) -> Array:
-    """Return the rays that the lens shows at all pixel centres, (height, width, 3), scaled to z = 1 in the camera's frame.
+    """Return the rays that the lens maps to all pixel centres, (height, width, 3), scaled to z = 1 in the camera's frame.
 
-    Where `Intrinsics.rays` says at which tangent coordinates a pixel is, this says from which ones its light comes: the
-    inverse of `BrownDistortion.apply`, by Newton's method.
+    The inverse of `BrownDistortion.apply` at `Intrinsics.rays`, by Newton's method.
 
     Raises:
-        InvalidValueError: If the lens does not show anything at some pixel, because its polynomial folds back before.
+        InvalidValueError: If no ray reaches some pixel, because the polynomial folds back.
     """
     if distortion == BrownDistortion():
         return camera.rays
@@ -43,13 +42,13 @@ def distorted_rays(camera: Intrinsics, distortion: BrownDistortion) -> Array:
     if not (far < 1e3 * _CLOSE_TAN and radius < distortion.largest_radius_tan):
         corner = float(np.hypot(shown_x, shown_y).max())
         raise InvalidValueError(
-            "distortion", distortion, f"a lens that shows something out to the image's corner, {corner:.3f}"
+            "distortion", distortion, f"a lens whose image reaches its corner, at a tangent of {corner:.3f}"
         )
     return np.stack([x, y, np.ones_like(x)], axis=-1)
 
 
 def _slopes(distortion: BrownDistortion, x: Array, y: Array) -> tuple[Array, Array, Array, Array]:
-    """Return the derivatives of the shown x by x and by y, and of the shown y by x and by y."""
+    """Return the derivatives of the distorted x by x and by y, and of the distorted y by x and by y."""
     h = _DIFFERENCE_TAN
     right, left = distortion.apply(x + h, y), distortion.apply(x - h, y)
     down, up = distortion.apply(x, y + h), distortion.apply(x, y - h)

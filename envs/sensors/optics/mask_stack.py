@@ -23,9 +23,9 @@ _MARGIN_SIGMAS = 4.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MaskStack:
-    """Transmission on a square grid of tangent coordinates for a row of blur widths; all three are looked up linearly.
+    """Transmission on a square grid of tangent coordinates for a series of blur widths, interpolated linearly in all three.
 
-    The dark surround of the mask is part of the pattern, on all four sides, so that its edges blur as everything else does.
+    The dark surround of the mask is part of the pattern, on all four sides, so that its edges blur like the rest.
     """
 
     transmission: NDArray[np.float32]
@@ -41,9 +41,9 @@ class MaskStack:
     def from_mask(cls, mask: StripeMask) -> "MaskStack":
         """Compute the stack, 78 MB in half a second; equal masks share one.
 
-        The sharp pattern is averaged over the cells of the grid, a half of a pixel of a 256 pixel camera, and blurred by the
-        Gaussian's transfer function. Blurs reach to 0.8 periods, as in `MaskTable`, but at least to 0.03 and at most to 0.06
-        tangent units, twice what the nominal scope's projector makes of a point on tissue 30 mm away.
+        The sharp pattern is averaged over the cells of the grid, half a pixel of a 256 pixel camera, and blurred by the
+        Gaussian's transfer function. Blurs extend to 0.8 periods, as in `MaskTable`, but at least to 0.03 and at most to 0.06
+        tangent units, twice the blur of the nominal scope's projector on tissue 30 mm away.
         """
         widest = float(np.clip(_WIDEST_PERIODS * mask.period_tan, *_WIDEST_TAN))
         half = mask.half_width_tan + _MARGIN_SIGMAS * widest
@@ -76,12 +76,11 @@ def _picture(half_width: float, pattern: Array, edges: Array) -> Array:
 
 
 def _overlaps(half_width: float, count: int, edges: Array) -> Array:
-    """Return which share of each cell between the edges each of `count` pixels covers, (cells, pixels)."""
+    """Return the fraction of each cell between the edges that each of `count` pixels covers, (cells, pixels)."""
     borders = np.linspace(-half_width, half_width, count + 1)
     upper = np.minimum(edges[1:, None], borders[None, 1:])
     lower = np.maximum(edges[:-1, None], borders[None, :-1])
-    shares: Array = np.clip(upper - lower, 0.0, None) / (edges[1] - edges[0])
-    return shares
+    return np.asarray(np.clip(upper - lower, 0.0, None) / (edges[1] - edges[0]))
 
 
 def _wandering_stripes(mask: StripeMask, edges: Array) -> Array:
@@ -99,14 +98,14 @@ def _wandering_stripes(mask: StripeMask, edges: Array) -> Array:
         lower = np.maximum(edges[None, :-1], left[:, k, None])
         sharp += np.clip(upper - lower, 0.0, None)
     inside = _overlaps(half, 1, edges)
-    # Where wandering makes two stripes touch, they do not get brighter than clear glass.
+    # Where two stripes wander into each other, they are no brighter than clear glass.
     return np.minimum(sharp / step, 1.0) * inside
 
 
 def _smooth_noise(mask: StripeMask, shape: tuple[int, int], step: float) -> Array:
-    """Return standard normal numbers, smooth along the first axis as the mask says and independent along the second."""
-    # White noise that is blurred by s is correlated as a Gaussian of width s * sqrt(2); edges start before the grid does, so
-    # that its borders are like any other place.
+    """Return standard normal numbers, correlated along the first axis by the mask's length, independent along the second."""
+    # White noise blurred by s has a Gaussian correlation of width s * sqrt(2). The noise starts outside the grid, so that the
+    # grid's borders are no exception.
     sigma = mask.edge_correlation * mask.period_tan / math.sqrt(2.0) / step
     margin = math.ceil(4.0 * sigma)
     white = np.random.default_rng(mask.edge_seed).standard_normal((shape[0] + 2 * margin, shape[1]))

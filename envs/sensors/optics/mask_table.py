@@ -16,16 +16,16 @@ from laploop.errors import InvalidValueError
 Array = NDArray[np.float64]
 
 FINE_COLUMNS = 4097
-"""Of a table by default: a twelfth of a pixel of the nominal camera each."""
+"""Default columns of a table, each a twelfth of a pixel of the nominal camera."""
 
 _LEVELS = 33
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MaskTable:
-    """Transmission along x for a grid of blur widths; both are looked up linearly.
+    """Transmission along x for a series of blur widths, interpolated linearly in both.
 
-    The dark surround of the mask is part of the pattern, so that its edges blur as the stripes do.
+    The dark surround of the mask is part of the pattern, so that its edges blur like the stripes.
     """
 
     transmission: NDArray[np.float32]
@@ -37,11 +37,10 @@ class MaskTable:
     @classmethod
     @functools.lru_cache(maxsize=4)
     def from_mask(cls, mask: StripeMask, columns: int = FINE_COLUMNS) -> "MaskTable":
-        """Compute the table, of stripes in closed form: each bright stripe is a difference of two error functions.
+        """Compute the table, stripes in closed form: each bright stripe is a difference of two error functions.
 
-        The roughness of the edges widens every blur. Equal masks share one table, for it takes a tenth of a second and
-        environments make a camera an episode. Who needs a new mask for every image may ask for fewer columns: 1025 take a
-        quarter of the time.
+        The roughness of the edges widens every blur. Equal masks share one table, as it takes a tenth of a second and
+        environments make a camera an episode. For a new mask in every image use fewer columns: 1025 take a quarter of the time.
 
         Raises:
             InvalidValueError: If the number of columns is not from 257 to 16385.
@@ -71,7 +70,7 @@ def _stripes(mask: StripeMask, x: Array, sigmas: Sequence[float]) -> Array:
 
 
 def _steps(half_width: float, profile: Sequence[float], x: Array, sigmas: Sequence[float]) -> Array:
-    """Return blurred steps of any transmission, (sigmas, x): their means over the columns of the table, filtered."""
+    """Return blurred steps of any transmission, (sigmas, x): means over the columns of the table, filtered."""
     step = float(x[1] - x[0])
     borders = np.linspace(-half_width, half_width, len(profile) + 1)
     integral = np.concatenate([[0.0], np.cumsum(profile) * (borders[1] - borders[0])])

@@ -1,1 +1,1 @@
-"""The bench's reference depth camera."""
+"""The reference depth camera of the optical bench."""

@@ -129,16 +129,16 @@ def lateral_mount(
     azimuth_rad: float = -0.5 * math.pi,
     elevation_rad: float = math.radians(55.0),
 ) -> NDArray[np.float64]:
-    """Return the pose `world_from_camera`, 4x4, of a camera beside the phantom that looks at it, its x axis level.
+    """Return the pose `world_from_camera`, 4x4, of a camera beside the phantom that views it, its x axis level.
 
-    By default it stands on the world's -y side, between the two arms, and low enough to look past the scope: a shaft straight
-    above the target that ends 90 mm from it only hides what lies more than 55 mm behind the target.
+    By default the camera is on the world's -y side, between the two arms, and low enough to look past the scope: a shaft
+    vertically above the target that ends 90 mm from it hides only what lies more than 55 mm behind the target.
 
     Args:
-        target_in_world: The point (3,) it looks at: the middle of the phantom's surface.
-        distance_m: From the target.
-        azimuth_rad: Of the camera as seen from the target, from the world's x towards its y.
-        elevation_rad: Of the camera as seen from the target, above the horizontal.
+        target_in_world: The point (3,) in the image's centre: the middle of the phantom's surface.
+        distance_m: From the camera to the target.
+        azimuth_rad: Direction of the camera as seen from the target, from the world's x towards its y.
+        elevation_rad: Elevation of the camera as seen from the target, above the horizontal.
 
     Raises:
         InvalidValueError: If the target is not a point, or a number lies outside its range.

@@ -1,4 +1,4 @@
-"""What the reference camera returns."""
+"""A capture of the reference camera."""
 
 from dataclasses import dataclass
 
@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReferenceCapture:
-    """A point cloud in the order of the image, with the names and units of the camera's own software.
+    """A point cloud in image order, with the names and units of the camera's own software.
 
-    All floating-point arrays are NaN where there is no point, and there together.
+    All floating-point arrays are NaN at the same pixels: where there is no point.
     """
 
     xyz: NDArray[np.float32]

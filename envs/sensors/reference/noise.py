@@ -1,4 +1,4 @@
-"""What a reference camera gets wrong: its scale, its bend and its noise."""
+"""Errors of a reference camera: scale, bend and noise."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +9,10 @@ Array = NDArray[np.float64]
 Float32 = NDArray[np.float32]
 
 _NOISE_DISTANCE_MM = 600.0
-"""Distance for which the data sheet states the noise: the camera's focus."""
+"""Distance at which the data sheet states the noise: the camera's focus."""
 _BEND_GRID = 65
 _LEAST_QUALITY = np.float32(0.05)
-"""Of SNR cos, relative: noise ends at twenty times the nominal, also for dark points that a config chooses to keep."""
+"""Lower bound of relative SNR times cosine: noise is at most twenty times the nominal, even for dark points that are kept."""
 
 
 class ReferenceNoise:
@@ -35,7 +35,7 @@ class ReferenceNoise:
         grid = np.arange(_BEND_GRID) * (2.0 / (_BEND_GRID - 1)) - 1.0
         weights *= peak_mm / np.abs(_bend(weights, grid, grid)).max()
         column, row, width, height = optics.window
-        # The whole image is what a camera's bend belongs to, whatever region of it is asked for.
+        # The bend is a property of the whole image, of which a region is a part.
         x = (np.arange(column, column + width) + 0.5) * (2.0 / (optics.width // optics.step)) - 1.0
         y = (np.arange(row, row + height) + 0.5) * (2.0 / (optics.height // optics.step)) - 1.0
         limit = optics.planarity_trueness_mm

@@ -1,4 +1,4 @@
-"""Light that the reference camera gets back from surfaces under its projector."""
+"""Light that surfaces under its projector return to the reference camera."""
 
 from dataclasses import dataclass
 
@@ -14,14 +14,14 @@ _LEAST_COSINE = np.float32(1e-3)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReferenceLight:
-    """Radiance of n points, over that of a facing matte surface of the reference albedo in full light."""
+    """Radiance of n points, relative to a facing matte surface of the reference albedo in full light."""
 
     matte: Float32
-    """(n,), what is scattered and carries the pattern; zero where the projector does not reach."""
+    """(n,), scattered light, which carries the pattern; zero where the projector does not reach."""
     gloss: Float32
-    """(n,), what is mirrored."""
+    """(n,), specular reflection."""
     ambient: Float32
-    """(n,), what room light adds."""
+    """(n,), ambient light."""
     view_cosine: Float32
     """(n,), cosine of the angle between normal and line of sight."""
     tint: Float32
@@ -45,10 +45,10 @@ def light_of(
     albedo_factor: Float32,
     optics: ReferenceOptics,
 ) -> ReferenceLight:
-    """Light points (n, 3), in metres in the camera's frame, with unit normals towards the camera, by the projector.
+    """Return the light of points (n, 3), in metres in the camera's frame, with unit normals towards the camera.
 
-    Lambert's law and, for gloss, GGX (Walter et al. 2007, with Smith's masking). The fall of the light with the distance is
-    left out: the camera's exposure follows it.
+    Lambert's law and, for gloss, GGX (Walter et al. 2007, with Smith's masking). The light's decrease with distance is left
+    out: the camera's exposure compensates for it.
     """
     albedo, reflectance, roughness = (optics.material_table[:, column][object_id] for column in range(3))
     relative_albedo = albedo * albedo_factor * np.float32(1.0 / optics.reference_albedo)
@@ -62,7 +62,7 @@ def light_of(
     a2 = roughness * roughness
     q = n_h * n_h * (a2 - 1.0) + 1.0
     n_l, n_v = np.maximum(n_l, _LEAST_COSINE), np.maximum(n_v, _LEAST_COSINE)
-    # Times pi over the reference albedo, as all radiances here; the pi of the distribution cancels.
+    # Radiances here are multiplied by pi over the reference albedo; this cancels the pi of the distribution.
     visibility = 0.5 / (n_l * np.sqrt(a2 + (1.0 - a2) * n_v * n_v) + n_v * np.sqrt(a2 + (1.0 - a2) * n_l * n_l))
     fresnel = reflectance + (1.0 - reflectance) * (1.0 - _dot(to_view, half)) ** 5
     gloss = a2 / (q * q) * visibility * fresnel * direct * np.float32(1.0 / optics.reference_albedo)

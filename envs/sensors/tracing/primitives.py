@@ -14,7 +14,7 @@ Triangles = NDArray[np.int32]
 Surface = tuple[Points, Triangles]
 
 _SAG_M = 4e-6
-"""Depth of a chord below its arc; the chords are moved outwards by half of it, so that they cut the round surface."""
+"""Depth of a chord below its arc; chords are moved outwards by half of it, so that they intersect the round surface."""
 _UNBOUNDED_M = 1.0
 """Half the size given to an infinite plane."""
 
@@ -69,7 +69,7 @@ def box(x: float, y: float, z: float) -> Surface:
 
 
 def plane(x: float, y: float) -> Surface:
-    """Tessellate a plane through the origin that faces +z; a half size of 0 stands for infinite, as in MuJoCo."""
+    """Tessellate a plane through the origin that faces +z; a half size of 0 means infinite, as in MuJoCo."""
     half_x, half_y = x or _UNBOUNDED_M, y or _UNBOUNDED_M
     points = np.array([[-half_x, -half_y, 0.0], [half_x, -half_y, 0.0], [half_x, half_y, 0.0], [-half_x, half_y, 0.0]])
     return points, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
@@ -81,7 +81,7 @@ def facets(points: Points, triangles: Triangles) -> Surface:
 
 
 def join(surfaces: list[Surface]) -> Surface:
-    """Put several surfaces into one, without welding them."""
+    """Join several surfaces into one, without welding them."""
     offsets = np.cumsum([0] + [len(points) for points, _ in surfaces[:-1]])
     points = np.concatenate([points for points, _ in surfaces])
     triangles = np.concatenate([triangles + offset for (_, triangles), offset in zip(surfaces, offsets, strict=True)])
@@ -100,15 +100,15 @@ def _relative_sag(segments: int) -> float:
 
 
 def _cuts(half_length: float, radius: float) -> Points:
-    """Cut a long side into pieces: slivers as long as the shaft would make a slow tree of bounding boxes."""
+    """Cut a long side into pieces: slivers as long as the shaft would slow down the tree of bounding boxes."""
     pieces = max(1, math.ceil(half_length / (4.0 * radius)))
     return np.linspace(-half_length, half_length, pieces + 1)
 
 
 def _revolve(r: Points, z: Points, segments: int, *, closed: bool = True) -> Surface:
-    """Turn the profile `r(z)`, bottom to top, about z.
+    """Revolve the profile `r(z)`, bottom to top, about z.
 
-    Where `closed` and the profile's end lies on the axis (or by rounding near it), all of the ring is one vertex.
+    If `closed`, a ring whose radius is 0, up to rounding, becomes one vertex.
     """
     angle = np.arange(segments) * (2.0 * math.pi / segments)
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)

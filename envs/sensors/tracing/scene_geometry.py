@@ -1,4 +1,4 @@
-"""What a ray can hit: the visible surfaces of a MuJoCo model, or plain triangles."""
+"""The surfaces that rays can hit: those of a MuJoCo model, or plain triangles."""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
@@ -35,17 +35,17 @@ _PRIMITIVES: dict[mujoco.mjtGeom, tuple[Callable[..., primitives.Surface], int]]
     mujoco.mjtGeom.mjGEOM_BOX: (primitives.box, 3),
     mujoco.mjtGeom.mjGEOM_PLANE: (primitives.plane, 2),
 }
-"""What makes a geom's triangles, and how many of its sizes that takes."""
+"""The function that makes a geom's triangles, and the number of the geom's sizes that it takes."""
 
 
 class SceneGeometry:
-    """Triangles with an object class and vertices with an albedo; points move, everything else stays.
+    """Triangles with an object class and vertices with an albedo; points move, everything else is fixed.
 
     Attributes:
         points: (n, 3) float32, world frame, metres.
-        triangles: (m, 3) int32 rows of `points`; vertices are shared where the surface is to look smooth.
+        triangles: (m, 3) int32, rows of `points`; vertices are shared where the surface should look smooth.
         object_ids: (m,) uint8, an `ObjectId` a triangle.
-        albedo_factor: (n,) float32, multiplies the albedo of the object's material at each vertex; it sticks to the material.
+        albedo_factor: (n,) float32, multiplies the albedo of the object's material at each vertex.
         parts: (m,) int32, the connected object that a triangle belongs to.
     """
 
@@ -58,7 +58,7 @@ class SceneGeometry:
         albedo_factor: NDArray[np.floating] | float = 1.0,
         parts: NDArray[np.integer] | int = 0,
     ) -> None:
-        """Take plain arrays; a single object id, factor or part stands for all.
+        """Make a scene of plain arrays; a single object id, factor or part applies to all.
 
         Raises:
             InvalidValueError: If shapes, indices, object ids or numbers do not make a scene.
@@ -169,7 +169,7 @@ class SceneGeometry:
         self.points[:] = points
 
     def corners_around_vertices(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """List for each vertex where it occurs in `triangles.ravel()`: `order[offsets[i] : offsets[i + 1]]` for vertex i."""
+        """Return `offsets` and `order`: vertex i is at `order[offsets[i] : offsets[i + 1]]` in `triangles.ravel()`."""
         corners = self.triangles.ravel()
         order = np.argsort(corners, kind="stable").astype(np.int32)
         offsets = np.zeros(len(self.points) + 1, dtype=np.int32)

@@ -1,4 +1,4 @@
-"""Runs Warp launches strip by strip, on several CPU threads or at once on CUDA."""
+"""Runs Warp launches in strips, on several CPU threads or at once on CUDA."""
 
 import itertools
 import os
@@ -15,13 +15,13 @@ _CUDA_ROW_STRIPS = 16
 
 
 class StripRunner:
-    """Cuts an image into strips and has them worked on.
+    """Cuts an image into strips and runs launches on them.
 
-    On the CPU, a launch runs on the thread that makes it and does not hold Python's lock.
+    On the CPU, a launch runs on the thread that makes it and releases Python's lock.
     """
 
     def __init__(self, device: Any, threads: int | None = None) -> None:
-        """Take a Warp device; `threads` is 2 by default where there are two cores, and always 1 on CUDA.
+        """Use a Warp device; by default with two threads where there are two cores, on CUDA always with one.
 
         Raises:
             InvalidValueError: If the number of threads is not from 1 to 64.
@@ -35,7 +35,7 @@ class StripRunner:
         self._helpers = ThreadPoolExecutor(max_workers=self.threads - 1) if self.threads > 1 else None
 
     def pixel_strips(self, pixels: int) -> list[tuple[int, int]]:
-        """Return (first pixel, number of pixels) of strips; several a thread, so that none waits long for the other."""
+        """Return (first pixel, number of pixels) of strips, several a thread, so that threads finish at about the same time."""
         strips = self.threads * _PIXEL_STRIPS_PER_THREAD if self.threads > 1 else 1
         edges = np.linspace(0, pixels, strips + 1).astype(int)
         return [(int(a), int(b - a)) for a, b in itertools.pairwise(edges)]

@@ -11,19 +11,20 @@ from laploop.envs.sensors.kernels import ray_kernels, zbuffer_kernels
 from laploop.envs.sensors.stripe_capture import ExactView
 from laploop.envs.sensors.tracing.ray_scene import RayScene
 from laploop.envs.sensors.tracing.strip_runner import StripRunner
-from laploop.errors import InvalidValueError
-from laploop.perception.geometry import Rig
+from laploop.perception.geometry import Rig, rigid_transform
 
 _NOTHING = 2**64 - 1
 _PROJECTOR_MARGIN_TAN = 0.08
 """How far the projector's depth map reaches beyond the mask, so that its blurred border is covered too."""
+_LARGEST_HALF_MAP = 2048
+"""Half the width of the projector's depth map at most, pixels: 134 MB; where it is too coarse, rays decide."""
 
 
 class ViewTracer:
-    """Device buffers and recorded launches that follow each pixel's ray to the surface, and its light back to the projector.
+    """Device buffers and recorded launches that follow each pixel's ray to the surface and back to the projector.
 
     Attributes:
-        depth, normals, projector, flags, object_id, albedo_factor: Device arrays, an entry a pixel, for further ray_kernels.
+        depth, normals, projector, flags, object_id, albedo_factor: Device arrays, an entry a pixel, for further kernels.
         rays: Device array, tangent coordinates of the rays.
     """
 
@@ -39,8 +40,10 @@ class ViewTracer:
         self.rays: Any = wp.array(directions, dtype=wp.vec2, device=device)
         self._pose: Any = wp.zeros(5, dtype=wp.vec3, device=device)
         self._camera_view = _view(self._shape, (camera.fx, camera.fy), (camera.cx, camera.cy))
-        half = math.ceil((rig.mask.half_width_tan + _PROJECTOR_MARGIN_TAN) * camera.fx)
-        self._projector_view = _view((2 * half, 2 * half), (camera.fx, camera.fx), (half, half))
+        half_tan = rig.mask.half_width_tan + _PROJECTOR_MARGIN_TAN
+        half = min(math.ceil(half_tan * camera.fx), _LARGEST_HALF_MAP)
+        focal = min(camera.fx, half / half_tan)
+        self._projector_view = _view((2 * half, 2 * half), (focal, focal), (half, half))
         self._camera_keys: Any = wp.zeros(count, dtype=wp.uint64, device=device)
         self._projector_keys: Any = wp.zeros(4 * half * half, dtype=wp.uint64, device=device)
         self.depth: Any = wp.zeros(count, dtype=wp.float32, device=device)
@@ -54,12 +57,12 @@ class ViewTracer:
         self._to_views: list[Any] = []
         self._rasterise: list[list[Any]] = []
         self.trace: list[Any] = []
-        """Recorded launches, one a strip of `StripRunner.pixel_strips`; run them after `find_surfaces`."""
+        """Recorded launches, one for each of `StripRunner.pixel_strips`; run them after `find_surfaces`."""
 
     def set_rays(self, rays: NDArray[np.float64]) -> None:
-        """Follow other rays, (height, width, 3) with z = 1, than those of the rig's pinhole, as those of a lens that distorts.
+        """Follow rays other than the rig's pinhole's, (height, width, 3) with z = 1, such as those of a distorting lens.
 
-        The camera's surfaces are then searched for in the scene's tree, about ten times slower than for a pinhole.
+        Surfaces are then found in the scene's tree, about ten times slower than for a pinhole.
         """
         self._pinhole = rays is self._rig.camera.rays
         self.rays.assign(rays[..., :2].reshape(-1, 2).astype(np.float32))
@@ -111,11 +114,8 @@ class ViewTracer:
         Raises:
             InvalidValueError: If the pose is not a rigid 4x4 transform.
         """
-        pose = np.asarray(world_from_camera, dtype=np.float64)
+        pose = rigid_transform("world_from_camera", world_from_camera)
         rotation = pose[:3, :3]
-        # Products of a few float64 rotations are orthogonal to far better than 1e-6; scales and typing errors are not.
-        if pose.shape != (4, 4) or not (np.abs(rotation @ rotation.T - np.eye(3)) < 1e-6).all() or not np.isfinite(pose).all():
-            raise InvalidValueError("world_from_camera", world_from_camera, "a rigid 4x4 transform")
         projector_from_camera = self._rig.projector_from_camera
         projector_in_camera = -projector_from_camera[:3, :3].T @ projector_from_camera[:3, 3]
         rows = np.vstack([pose[:3, 3], rotation.T, rotation @ projector_in_camera + pose[:3, 3]])
@@ -164,7 +164,7 @@ class ViewTracer:
 
 
 def _view(shape: tuple[int, int], focal: tuple[float, float], centre: tuple[float, float]) -> Any:
-    """Gather a pinhole's numbers for the ray_kernels."""
+    """Pack a pinhole's numbers for the kernels."""
     view = zbuffer_kernels.View()
     view.height, view.width = shape
     view.focal = wp.vec2(*focal)

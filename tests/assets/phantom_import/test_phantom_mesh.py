@@ -269,19 +269,19 @@ def damaged(good, rng):
 def test_damaged_files_are_refused_in_one_line(tmp_path, suffix):
     good = saved(dome(), tmp_path, suffix).read_bytes()
     rng = np.random.default_rng(0)
-    refused = []
+    messages = []
     for content in (content for _ in range(8) for content in damaged(good, rng)):
         path = tmp_path / f"damaged.{suffix}"
         path.write_bytes(content)
         try:
             points, _ = checked_surface(path)
         except InvalidValueError as error:
-            refused.append(str(error))
+            messages.append(str(error))
         else:
             # What passes, such as a changed digit, is still a surface of sensible size.
             assert np.ptp(points, axis=0).max() <= 200.0
-    assert len(refused) >= 24
-    assert all("\n" not in message and len(message) < 300 for message in refused)
+    assert len(messages) >= 24
+    assert all("\n" not in message and len(message) < 300 for message in messages)
 
 
 def test_missing_file_unknown_suffix_and_folder_are_refused(tmp_path):

@@ -132,7 +132,7 @@ def test_built_in_tissue_is_what_it_was_without_a_solid():
 def test_spire_that_would_reach_the_scope_is_refused():
     points = np.array([[-0.1, -0.1, 0.0], [0.1, -0.1, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.078]])
     spire = solid_from_tetrahedra(points, np.array([[0, 1, 2, 3]]))
-    with pytest.raises(InvalidValueError, match="room between the scope's tip and the highest point"):
+    with pytest.raises(InvalidValueError, match="clearance between the scope's tip and the highest point"):
         Theatre(TheatreConfig(seed=0, working_distance_m=0.075), solid=spire)
 
 
