@@ -111,7 +111,8 @@ def test_stopped_command_leaves_no_process_and_resumes_to_the_same_bits(inputs, 
             assert content(out) == content(whole)
             shutil.rmtree(out)
             continue
-        assert process.returncode == (-how if how == signal.SIGKILL else 128 + how), error
+        # Python has let go of the signal when it is about to end; a shell calls both 143.
+        assert process.returncode in {-how, 128 + how}, error
         assert "Traceback" not in error
         assert psutil.wait_procs(family, timeout=5.0 - (time.monotonic() - began))[1] == []
         stopped += 1
