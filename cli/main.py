@@ -73,6 +73,8 @@ def _run(arguments: list[str]) -> int:
     # The loop's matrices are small: OpenBLAS's threads gain nothing on them, and where the cores are busy they wait for
     # each other so long that a product takes ten times as long. Must be set before numpy is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Rerun would log on its own that the disk is full, which the recorder notices by itself.
+    os.environ.setdefault("RUST_LOG", "off")
     with stop_signals(f"laploop {name}") as received:
         try:
             _require_working_folder()

@@ -1,5 +1,6 @@
 """An episode as a Rerun file that opens ready to read."""
 
+import errno
 import warnings
 from pathlib import Path
 from types import TracebackType
@@ -86,7 +87,7 @@ class RerunRecorder(Recorder):
         self._depth_range: tuple[float, float] | None = None
         self._rays_in_camera = np.empty((0, 0, 3))
         self._error_colors = np.empty((0, 3), dtype=np.uint8)
-        self._closed = False
+        self._closed = self._kept = False
 
     def __enter__(self) -> Self:
         """Return the recorder."""
@@ -95,7 +96,7 @@ class RerunRecorder(Recorder):
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None) -> None:
         """Close the recording; the note on an error that ends the block says where it is."""
         self.close()
-        if error is not None and self._theatre is not None:
+        if error is not None and self._kept:
             error.add_note(f"the recording up to then is kept in {self.path}")
 
     def begin(self, theatre: "Theatre", rig: Rig) -> None:
@@ -197,8 +198,10 @@ class RerunRecorder(Recorder):
             if self._theatre is not None:
                 _verify(self._partial)
                 self._partial.replace(self.path)
+                self._kept = True
         except (OSError, RuntimeError, Warning) as error:
-            raise OutputError(f"cannot write {self.path}: the recording broke off; is the disk full?") from error
+            fault = OSError(errno.EIO, str(error))
+            raise OutputError(f"cannot write {self.path}: the recording broke off; is the disk full?") from fault
         finally:
             self._partial.unlink(missing_ok=True)
 

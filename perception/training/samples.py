@@ -15,6 +15,7 @@ from torch.utils.data import DataLoader, Dataset, Sampler
 from laploop.errors import InvalidValueError
 from laploop.perception.data.datasets import DepthDataset, ReferencedDataset
 from laploop.perception.training.recipe import Batch, Recipe, Sample
+from laploop.workers import follow_parent
 
 AGAINST = ("exact", "zivid")
 """What may be the truth: the simulator's depth, or that of the reference camera after calibration and reprojection."""
@@ -184,4 +185,15 @@ def loader(
     seed = recipe.schedule.seed
     sampler = EpochSampler(len(samples), seed=seed, shuffle=training, rank=rank, processes=processes)
     frames: Any = SampleDataset(samples, recipe, training=training)
-    return DataLoader(frames, batch_size=recipe.schedule.batch, sampler=sampler, collate_fn=stack, num_workers=workers)
+    return DataLoader(
+        frames,
+        batch_size=recipe.schedule.batch,
+        sampler=sampler,
+        collate_fn=stack,
+        num_workers=workers,
+        worker_init_fn=_begin_worker,
+    )
+
+
+def _begin_worker(_number: int) -> None:
+    follow_parent()

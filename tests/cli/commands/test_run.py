@@ -1,9 +1,17 @@
 import json
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
+from laploop.assets.scope_optics import ScopeOptics
 from laploop.cli.commands import run as command
 from laploop.cli.main import main
+from laploop.control.controllers.reach import ReachController
+from laploop.envs import episode
+from laploop.errors import InfeasibleError
+from laploop.perception.geometry import Rig
 
 SUMMARY_KEYS = {
     "command",
@@ -110,3 +118,35 @@ def test_interrupted_run_leaves_nothing(tmp_path, capsys, monkeypatch):
     assert main(["run", "--perception", "oracle", "--out", str(tmp_path / "out")]) == 130
     assert capsys.readouterr().err.endswith("laploop run: interrupted\n")
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "line"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (InfeasibleError("no command holds the trocar"), 1, "no command holds the trocar"),
+    ],
+)
+def test_episode_that_breaks_off_keeps_its_recording_and_says_so(tmp_path, capsys, monkeypatch, error, status, line):
+    class Breaks(ReachController):
+        ticks = 0
+
+        def command(self, state):
+            self.ticks += 1
+            if self.ticks == 10:
+                raise error
+            return super().command(state)
+
+    def run_episode(config, recorder, progress):
+        controller = Breaks(Rig.from_optics(ScopeOptics()))
+        return episode.run_episode(config, recorder, progress, controller=controller)
+
+    monkeypatch.setattr(command, "run_episode", run_episode)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "summary.json").write_text("of an earlier run")
+    assert main(["run", "--perception", "oracle", "--out", str(out)]) == status
+    assert [path.name for path in out.iterdir()] == ["recording.rrd"]
+    assert capsys.readouterr().err.endswith(f"run: {line}; the recording up to then is kept in {out}/recording.rrd\n")
+    verify = [str(Path(sys.executable).with_name("rerun")), "rrd", "verify", str(out / "recording.rrd")]
+    subprocess.run(verify, check=True, capture_output=True)  # noqa: S603 - installed with us
