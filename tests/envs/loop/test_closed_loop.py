@@ -234,5 +234,5 @@ def test_a_closed_loop_that_was_closed_does_not_go_on(task_env):
     env = task_env("reach")
     env.reset(seed=3)
     env.loop.close()
-    with pytest.raises(InvalidValueError, match="closed"):
+    with pytest.raises(SimulationError, match=r"call reset\(\) first"):
         env.loop.advance(STILL)
