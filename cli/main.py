@@ -25,6 +25,7 @@ EXIT_BAD_INPUT = 2
 COMMANDS = {
     "speed": "time a depth model alone, frame after frame",
     "export": "write a depth network as ONNX",
+    "config": "write the configuration of an episode as a file",
     "run": "run one closed-loop episode; recording, figure, summary",
     "trials": "run many episodes, one a seed; success rate and error table",
     "tasks": "run every task over many seeds; which meets its targets",

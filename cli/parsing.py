@@ -1,9 +1,17 @@
-"""Command lines from frozen dataclasses."""
+"""Command lines from frozen dataclasses: help with bounds, one line for an error."""
 
-from collections.abc import Sequence
-from typing import TypeVar
+import dataclasses
+import re
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import tyro
+from tyro import _errors as tyro_errors  # the one way to a single line; hence the bound in pyproject.toml
+from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
+
+from laploop.configuration import allowed, alternatives, field_docs
+from laploop.errors import UsageError
 
 Arguments = TypeVar("Arguments")
 
@@ -17,7 +25,116 @@ def parse(kind: type[Arguments], arguments: Sequence[str], command: str) -> Argu
         command: The command's name.
 
     Raises:
-        LaploopError: If a value is not allowed.
-        SystemExit: With status 2 after a message if an option is unknown or of the wrong type, with 0 after `--help`.
+        LaploopError: If a value is not allowed, or an option is unknown, missing or of the wrong type.
+        SystemExit: With status 0 after `--help`.
     """
-    return tyro.cli(kind, args=list(arguments), prog=f"laploop {command}")
+    chosen, rest = parse_known(kind, arguments, command)
+    if rest:
+        raise unknown_option(rest[0], options_of(kind))
+    return chosen
+
+
+def parse_known(kind: type[Arguments], arguments: Sequence[str], command: str) -> tuple[Arguments, list[str]]:
+    """Read a command's arguments as `parse` does; return with them what it does not know, in its order.
+
+    Raises:
+        LaploopError: If a value is not allowed, or an option is missing or of the wrong type.
+        SystemExit: With status 0 after `--help`.
+    """
+
+    def refuse(event: tyro_errors.ParseErrorEvent) -> None:
+        raise _in_one_line(event, arguments, kind)
+
+    with _BOUNDS_IN_HELP, tyro_errors.on_parse_error(refuse):
+        return tyro.cli(kind, args=list(arguments), prog=f"laploop {command}", return_unknown_args=True)
+
+
+def options_of(kind: type) -> list[str]:
+    """Return the names of all options of a command, with their dashes."""
+    with _BOUNDS_IN_HELP:
+        return re.findall(r"(?<![\w-])--[a-z][\w.-]*", str(tyro.extras.get_parser(kind).format_help()))  # type: ignore[no-untyped-call]
+
+
+def unknown_option(token: str, options: Iterable[str]) -> UsageError:
+    """Return the error for an option, or another word, that a command does not know; names the nearest option."""
+    name = token.partition("=")[0]
+    if not name.startswith("-"):
+        return UsageError(f"unexpected {token!r}; every value follows the name of its option")
+    nearest = get_close_matches(name, list(options), n=1)
+    hint = f"did you mean {nearest[0]}?" if nearest else "--help lists all"
+    return UsageError(f"unknown option {name}; {hint}")
+
+
+def _in_one_line(event: tyro_errors.ParseErrorEvent, arguments: Sequence[str], kind: type) -> UsageError:
+    if isinstance(event, tyro_errors.MissingArgs):
+        if event.unrecognized_tokens:
+            return unknown_option(event.unrecognized_tokens[0], options_of(kind))
+        return UsageError(f"{', '.join(_name(one.arg) for one in event.missing_arguments)} must be given")
+    argument = getattr(event, "argument", None)
+    if argument is None:
+        return UsageError(" ".join(str(getattr(event, "message", event)).split()))
+    wanted = str(argument.lowered.metavar)
+    wanted = wanted[1:-1].replace(",", ", ") if wanted.startswith("{") else wanted
+    if not (given := _given(arguments, _name(argument))):
+        return UsageError(f"{_name(argument)} needs a value: {wanted}")
+    return UsageError(f"{_name(argument)} is {' '.join(given)!r}; allowed: {wanted}")
+
+
+def _name(argument: Any) -> str:
+    return str(argument.lowered.name_or_flags[-1])
+
+
+def _given(arguments: Sequence[str], name: str) -> list[str]:
+    """Return the words that follow an option."""
+    values: list[str] = []
+    for number, token in enumerate(arguments):
+        option, equals, value = token.partition("=")
+        if option.replace("_", "-") != name:
+            continue
+        values = [value] if equals else []
+        for following in arguments[number + 1 :]:
+            if equals or following.startswith("--"):
+                break
+            values.append(following)
+    return values
+
+
+def _without_none(annotation: Any) -> Any:
+    """Return how to show an option that may be left out: nobody gives it None."""
+    others = [one for one in alternatives(annotation) if one is not type(None)]
+    names = [get_args(one)[0] if get_origin(one) is Annotated else one for one in others]
+    words = [f"{{{','.join(get_args(one))}}}" if get_origin(one) is Literal else one.__name__.upper() for one in names]
+    return tyro.conf.arg(metavar="|".join(words), help_behavior_hint="")
+
+
+_BOUNDS_IN_HELP = ConstructorRegistry()
+
+
+@_BOUNDS_IN_HELP.struct_rule
+def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
+    """Take dataclasses as tyro does, with the bounds behind the docstrings; leave it those whose fields have open types."""
+    if not dataclasses.is_dataclass(info.type) or Generic in info.type.__mro__:
+        return None
+    kind: Any = info.type
+    hints, docs = get_type_hints(kind, include_extras=True), field_docs(kind)
+    fields = []
+    for field in dataclasses.fields(kind):
+        default: Any = tyro.MISSING
+        if isinstance(info.default, kind):
+            default = getattr(info.default, field.name)
+        elif field.default is not dataclasses.MISSING:
+            default = field.default
+        elif field.default_factory is not dataclasses.MISSING:
+            default = field.default_factory()
+        bounds = allowed(kind, (field.name,)).removesuffix(", or none")
+        text = " ".join(
+            [
+                *docs.get(field.name, "").split(),
+                *([f"({bounds})"] if re.search(r" to |above|below|at (least|most)", bounds) else []),
+            ]
+        )
+        shown: Any = (
+            hints[field.name] if default is not None else Annotated[hints[field.name], _without_none(hints[field.name])]
+        )
+        fields.append(StructFieldSpec(name=field.name, type=shown, default=default, helptext=text))
+    return StructConstructorSpec(instantiate=kind, fields=tuple(fields))

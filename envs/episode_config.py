@@ -16,7 +16,7 @@ from laploop.envs.tasks.registry import TASKS, default_config, task_spec
 from laploop.envs.tasks.task_config import TaskConfig
 from laploop.envs.theatre.actuation import ActuationConfig, ActuationName
 from laploop.envs.theatre.organ_motion import BaseMotion, MotionName
-from laploop.envs.theatre.trocar import TrocarConfig
+from laploop.envs.theatre.trocar import TrocarConfig, TrocarName
 from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.perception.estimators.registry import ESTIMATORS
 
@@ -150,7 +150,7 @@ class EpisodeOptions:
     latest rate), rhythms (learns breathing and heartbeat), or module:Class. By default rate for reach, rhythms otherwise."""
     optics: str | None = None
     """Light, surfaces and sensor: paper (the laparoscope that the simulator follows; the default), ideal, worst."""
-    motion: str | None = None
+    motion: MotionName | None = None
     """How the tissue moves: still, breathing (10 mm, 0.25 Hz), beating (1 mm, 1.2 Hz), or both. By default the task's own: both
     for track, breathing for look, still for the others."""
     seed: Annotated[int, Field(ge=0, lt=2**31)] | None = None
@@ -160,10 +160,10 @@ class EpisodeOptions:
     hold_s: float | None = None
     """How long to hold until the episode ends as a success: within 1.5 mm of an ideal touch without a break for reach (by
     default 0.3 s), within 0.1 N of 0.5 N for 95 % of the time for palpate (3 s)."""
-    actuation: str | None = None
+    actuation: ActuationName | None = None
     """How the arms follow their joint targets: ideal (the default), ur5-cb (125 Hz, 35 ms delay, 30 ms lag), ur5-e (500 Hz, 34
     and 20 ms)."""
-    trocar: str | None = None
+    trocar: TrocarName | None = None
     """What the wall and the seal of each trocar do to the shaft: lubricated (2 N/mm, 0.75 N of friction; the default), dry
     (8 N), none."""
     perception_latency_ms: float | None = None

@@ -10,9 +10,8 @@ import tyro
 
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
-from laploop.cli.parsing import parse
-from laploop.envs.episode import run_episode
-from laploop.envs.episode_config import EpisodeConfig
+from laploop.cli.tree_options import TreeOptions, parse_tree, with_options
+from laploop.configuration import to_plain
 from laploop.envs.recording.episode_log import EpisodeLog
 from laploop.envs.recording.recorder import STAGES, CompositeRecorder, Recorder
 
@@ -25,7 +24,7 @@ class RunArguments:
     the episode ran to its end, with or without success; an episode that is interrupted leaves its recording up to then.
     """
 
-    episode: Annotated[EpisodeConfig, tyro.conf.arg(name="")] = field(default_factory=EpisodeConfig)
+    tree: Annotated[TreeOptions, tyro.conf.arg(name="")] = field(default_factory=TreeOptions)
     out: Path
     """Folder to write to; made where it does not exist."""
     rerun: bool = True
@@ -34,8 +33,11 @@ class RunArguments:
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
-    chosen = parse(RunArguments, arguments, "run")
-    config = chosen.episode
+    chosen, rest = parse_tree(RunArguments, arguments, "run")
+    episode = with_options(chosen.tree.tree(), rest, RunArguments)
+
+    from laploop.envs.episode import run_episode  # slow to import
+
     with OutputFolder(chosen.out, "run") as folder:
         log = EpisodeLog()
         with ExitStack() as stack:
@@ -45,14 +47,14 @@ def main(arguments: Sequence[str]) -> int:
 
                 path = stack.enter_context(folder.own_artefact("recording.rrd"))
                 recorders.append(stack.enter_context(RerunRecorder(path)))
-            with progress_bar("simulated seconds", config.task.max_seconds) as advance_to:
-                results = run_episode(config, CompositeRecorder(recorders), advance_to)
+            with progress_bar("simulated seconds", episode.task.max_seconds) as advance_to:
+                results = run_episode(episode, CompositeRecorder(recorders), advance_to)
 
         from laploop.studies.episodes.episode_figure import draw_episode
 
         with folder.artefact("episode.png") as path:
-            draw_episode(log, {"seed": config.seed, **results}, path)
-        summary = folder.write_summary(results, config=chosen, seed=config.seed)
+            draw_episode(log, {"seed": episode.seed, **results}, path)
+        summary = folder.write_summary(results, config=to_plain(episode), seed=episode.seed)
     _show(summary, folder.path, recorded=chosen.rerun)
     return 0
 

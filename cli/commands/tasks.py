@@ -1,14 +1,16 @@
 """`laploop tasks`: the table of all tasks, measured against their targets."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
-from laploop.cli.parsing import parse
+from laploop.cli.tree_options import FileOptions, parse_tree, with_options, with_plain
+from laploop.configuration import to_plain
 from laploop.studies.episodes.task_table import (
     TaskTableConfig,
     quantity,
@@ -28,27 +30,34 @@ class TasksArguments:
     Writes `tasks.md`, `tasks.csv`, a `trials.csv` for each campaign in a folder of its name, and `summary.json`. Finished
     episodes are kept: the same command resumes where it was stopped. The table says which targets are met; the exit status is 1
     only if an episode could not be run.
+    A configuration file and options such as --loop.camera-hz change the episodes of all campaigns.
     """
 
     table: tyro.conf.OmitArgPrefixes[TaskTableConfig] = field(default_factory=TaskTableConfig)
+    file: Annotated[FileOptions, tyro.conf.arg(name="")] = field(default_factory=FileOptions)
     out: Path
     """Folder to write to; made where it does not exist."""
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
-    chosen = parse(TasksArguments, arguments, "tasks")
-    config = chosen.table
-    campaigns = config.campaigns()
+    chosen, rest = parse_tree(TasksArguments, arguments, "tasks")
+    config, plain = chosen.table, chosen.file.read()
+    campaigns = tuple(
+        replace(one, episode=with_options(with_plain(one.episode, plain, source=str(chosen.file.config)), rest, TasksArguments))
+        for one in config.campaigns()
+    )
     with OutputFolder(chosen.out, "tasks") as folder:
         with progress_bar("episodes", len(campaigns) * config.seeds) as advance_to:
-            rows = run_task_table(config, folder.path, advance_to)
+            rows = run_task_table(config, folder.path, advance_to, campaigns)
         results = summarise_tasks(rows, campaigns)
         for name, found in rows.items():
             folder.write_text(f"{name}/trials.csv", as_csv(found))
         folder.write_text("tasks.csv", table_csv(results))
         folder.write_text("tasks.md", table_markdown(results))
-        folder.write_summary({**results, "machine": describe_machine()}, config=chosen, seed=config.first_seed)
+        changed = {one.name: to_plain(one.episode) for one in campaigns if one not in config.campaigns()}
+        used = {"table": config, "changed": changed}
+        folder.write_summary({**results, "machine": describe_machine()}, config=used, seed=config.first_seed)
     table = ResultTable(f"{len(campaigns)} campaigns of {config.seeds} seeds")
     for line in results["campaigns"]:
         verdict = "meets its targets" if line["met"] else "MISSES a target"

@@ -3,12 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
-from laploop.cli.parsing import parse
+from laploop.cli.tree_options import TreeOptions, parse_tree, with_options
+from laploop.configuration import to_plain
 from laploop.studies.episodes.trials import TrialsConfig, as_csv, as_markdown, run_trials, summarise
 from laploop.studies.episodes.trials_figure import draw_trials
 
@@ -21,28 +23,34 @@ class TrialsArguments:
     command resumes where it was stopped. The exit status is 1 if an episode could not be run.
     """
 
-    trials: tyro.conf.OmitArgPrefixes[TrialsConfig] = field(default_factory=TrialsConfig)
+    tree: Annotated[TreeOptions, tyro.conf.arg(name="")] = field(default_factory=TreeOptions)
+    seeds: int = 30
+    """How many episodes; the first has the seed of the configuration, each further one the next."""
+    workers: int = 1
+    """Processes that run episodes at the same time."""
     out: Path
     """Folder to write to; made where it does not exist."""
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
-    chosen = parse(TrialsArguments, arguments, "trials")
-    config = chosen.trials
+    chosen, rest = parse_tree(TrialsArguments, arguments, "trials")
+    episode = with_options(chosen.tree.tree(), rest, TrialsArguments)
+    config = TrialsConfig(episode=episode, seeds=chosen.seeds, workers=chosen.workers)
     with OutputFolder(chosen.out, "trials") as folder:
         with progress_bar("episodes", config.seeds) as advance_to:
             rows = run_trials(config, folder.path, advance_to)
         results = summarise(rows)
-        episode = config.episode
         folder.write_text("trials.csv", as_csv(rows))
         folder.write_text("trials.md", as_markdown(rows, results))
         with folder.artefact("trials.png") as path:
-            title = f"{episode.task}  |  {episode.perception}  |  {episode.motion_name()}  |  {len(rows)} seeds"
+            title = f"{episode.task.kind}  |  {episode.perception.name}  |  {episode.motion_name()}  |  {len(rows)} seeds"
             draw_trials(rows, title, path, task=episode.task.kind)
-        folder.write_summary(results, config=chosen, seed=episode.seed)
+        what = {"task": episode.task.kind, "perception": episode.perception.name, "motion": episode.motion_name()}
+        used = {"episode": to_plain(episode), "seeds": config.seeds, "workers": config.workers}
+        folder.write_summary({**what, **results}, config=used, seed=episode.seed)
     low, high = results["success_interval_95"]
-    table = ResultTable(f"{episode.task}, {episode.perception}, {episode.motion_name()}, {len(rows)} seeds")
+    table = ResultTable(f"{episode.task.kind}, {episode.perception.name}, {episode.motion_name()}, {len(rows)} seeds")
     table.row("success", 100.0 * results["success_rate"], f"% (95 % interval {100 * low:.0f} to {100 * high:.0f} %)")
     for name, value in results["final_error_mm"].items():
         table.row(f"final target error, {name}", value, "mm")

@@ -32,7 +32,7 @@ class LoopConfig(ClockRates):
     rcm: RcmControllerConfig = Field(default_factory=RcmControllerConfig)
     kinematic_errors: KinematicErrors = Field(default_factory=KinematicErrors)
     """What each arm's kinematics and the hand-eye calibration get wrong, drawn anew in every episode."""
-    faults: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
+    faults: Annotated[tuple[Fault, ...], Field(min_length=0, max_length=1000)] = ()
     """Failures of sensors and controller, at chosen times."""
 
     def __post_init__(self) -> None:

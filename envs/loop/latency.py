@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from laploop.configuration import Field, configuration
-from laploop.errors import InvalidValueError, LaploopError, MissingFileError
+from laploop.errors import InvalidValueError, check_file
 
 COLUMN = "latency_ms"
 """Of a trace file, as `laploop speed` writes it."""
@@ -67,17 +67,13 @@ class TraceLatency:
             MissingFileError: If there is no such file.
             InvalidValueError: If it is not such a file, or a row has no such number or another number of columns.
         """
-        path = Path(path)
+        path = check_file("latency trace", path, f"give the path of a CSV file with a column {COLUMN}")
         name = f"latency trace {path}"
+        if (size := path.stat().st_size) > _LARGEST_FILE:
+            raise InvalidValueError(name, f"{size} bytes", f"at most {_LARGEST_FILE}")
         try:
-            if not path.is_file():
-                raise MissingFileError("latency trace", path, f"give the path of a CSV file with a column {COLUMN}")
-            if (size := path.stat().st_size) > _LARGEST_FILE:
-                raise InvalidValueError(name, f"{size} bytes", f"at most {_LARGEST_FILE}")
             rows = list(csv.reader(path.read_text(encoding="utf-8-sig").rstrip().splitlines(), strict=True))
-        except LaploopError:
-            raise
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
+        except (UnicodeDecodeError, csv.Error) as error:
             raise InvalidValueError(name, _cut(str(error)), "a CSV file, text in UTF-8") from error
         if len(rows) < 2 or COLUMN not in rows[0]:
             header = _cut(",".join(rows[0]) if rows else "")

@@ -30,7 +30,7 @@ from pydantic_core import to_json
 
 from laploop.errors import InvalidValueError, LaploopError, UnknownNameError
 
-__all__ = ["Field", "allowed", "configuration", "field_docs", "from_plain", "to_plain"]
+__all__ = ["Field", "allowed", "alternatives", "configuration", "field_docs", "from_plain", "to_plain"]
 
 T = TypeVar("T")
 
@@ -59,14 +59,15 @@ def from_plain(kind: type[T], values: Mapping[str, Any], *, source: str = "") ->
 
     Args:
         kind: A class made by `configuration`.
-        values: Its fields; nested configurations as mappings, tuples as lists, paths as text.
+        values: Its fields; nested configurations as mappings, tuples as lists, paths as text, and `"none"` for None, which
+            TOML does not have.
         source: Where the values come from, for the message.
 
     Raises:
         LaploopError: If a value is not allowed; the message names its path.
     """
     try:
-        made: T = _adapter(kind).validate_json(to_json(values, inf_nan_mode="constants"))
+        made: T = _adapter(kind).validate_json(to_json(_with_none([kind], values), inf_nan_mode="constants"))
     except ValidationError as error:
         raise _translated(kind, error, source) from None
     return made
@@ -97,6 +98,16 @@ def allowed(kind: type, path: Sequence[str | int]) -> str:
     return _in_words(_resolved(kind, path)[1])
 
 
+def alternatives(annotation: Any) -> tuple[Any, ...]:
+    """Return the members of an annotation that is a union, or the annotation alone."""
+    if get_origin(annotation) is Annotated:
+        inner = alternatives(get_args(annotation)[0])
+        return inner if len(inner) > 1 else (annotation,)
+    if get_origin(annotation) in {Union, UnionType}:
+        return tuple(one for part in get_args(annotation) for one in alternatives(part))
+    return (annotation,)
+
+
 def _adapter(kind: Any) -> TypeAdapter[Any]:
     if kind not in _adapters:
         _adapters[kind] = TypeAdapter(kind)
@@ -105,6 +116,19 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 _adapters: dict[Any, TypeAdapter[Any]] = {}
 """Made once a class, when it is first needed."""
+
+
+def _with_none(annotations: Sequence[Any], value: Any) -> Any:
+    """Put None where a file says "none" of a field that may be it."""
+    kinds = [_bare(one) for annotation in annotations for one in alternatives(annotation)]
+    if value == "none" and type(None) in kinds:
+        return None
+    if not isinstance(value, Mapping):
+        return value
+    return {
+        name: _with_none([found for kind in kinds if (found := _member(kind, name)) is not None], one)
+        for name, one in value.items()
+    }
 
 
 def _plain_number(name: str, value: Any) -> Any:
@@ -131,7 +155,7 @@ def _translated(kind: type, error: ValidationError, source: str = "") -> Laploop
     if isinstance(cause, LaploopError):
         translated = cause.at(name) if name else cause
     elif found["type"] in {"unexpected_keyword_argument", "extra_forbidden"}:
-        translated = UnknownNameError("field", name, _field_names(_resolved(kind, path[:-1])[1]))
+        translated = UnknownNameError("field", name, _field_names(_resolved(kind, found["loc"][:-1])[1]))
     elif found["type"] == "union_tag_invalid":
         translated = UnknownNameError(f"kind of {name}", context["tag"], context["expected_tags"].replace("'", "").split(", "))
     elif found["type"] == "literal_error":
@@ -152,27 +176,17 @@ def _resolved(kind: Any, location: Sequence[str | int]) -> tuple[tuple[str | int
     path: list[str | int] = []
     annotation = kind
     for part in location:
-        members = [found for one in _alternatives(annotation) if (found := _member(one, part)) is not None]
+        members = [found for one in alternatives(annotation) if (found := _member(one, part)) is not None]
         if members:
             path.append(part)
             annotation = members[0]
         elif (
-            len(chosen := [one for one in _alternatives(annotation) if part in {_kind(one), getattr(one, "__name__", "")}]) == 1
+            len(chosen := [one for one in alternatives(annotation) if part in {_kind(one), getattr(one, "__name__", "")}]) == 1
         ):
             annotation = chosen[0]
-        elif part == location[-1] and len(_alternatives(annotation)) == 1:
+        elif part == location[-1] and len(alternatives(annotation)) == 1:
             path.append(part)
     return tuple(path), annotation
-
-
-def _alternatives(annotation: Any) -> tuple[Any, ...]:
-    """Return the members of a union, or the annotation alone."""
-    if get_origin(annotation) is Annotated:
-        inner = _alternatives(get_args(annotation)[0])
-        return inner if len(inner) > 1 else (annotation,)
-    if get_origin(annotation) in {Union, UnionType}:
-        return tuple(one for part in get_args(annotation) for one in _alternatives(part))
-    return (annotation,)
 
 
 def _bare(annotation: Any) -> Any:
@@ -196,20 +210,20 @@ def _member(annotation: Any, name: str | int) -> Any:
 
 
 def _field_names(annotation: Any) -> list[str]:
-    kinds = [_bare(one) for one in _alternatives(annotation)]
+    kinds = [_bare(one) for one in alternatives(annotation)]
     return [field.name for kind in kinds if dataclasses.is_dataclass(kind) for field in dataclasses.fields(kind)]
 
 
 def _literals(annotation: Any) -> list[str]:
-    found = [_bare(one) for one in _alternatives(annotation)]
+    found = [_bare(one) for one in alternatives(annotation)]
     return [str(value) for one in found if get_origin(one) is Literal for value in get_args(one)]
 
 
 def _in_words(annotation: Any) -> str:
     """Return what an annotation allows, such as `above 0, at most 5`."""
-    alternatives = _alternatives(annotation)
-    if len(alternatives) > 1:
-        return ", or ".join(filter(None, map(_in_words, alternatives)))
+    members = alternatives(annotation)
+    if len(members) > 1:
+        return ", or ".join(filter(None, map(_in_words, members)))
     kind = _bare(annotation)
     if get_origin(kind) is Literal:
         return "one of " + ", ".join(map(str, get_args(kind)))

@@ -55,6 +55,10 @@ class UnknownNameError(LaploopError, ValueError):
         super().__init__(f"unknown {kind} {name!r}; {hint}available: {', '.join(names)}")
 
 
+class UsageError(LaploopError, ValueError):
+    """A command line that cannot be read."""
+
+
 class WeightsError(LaploopError, ValueError):
     """Weights that are truncated, of another architecture, or not safetensors."""
 

@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 from laploop.assets.scope_optics import ScopeOptics
-from laploop.cli.commands import run as command
 from laploop.cli.main import main
+from laploop.configuration import from_plain
 from laploop.control.controllers.reach import ReachController
 from laploop.envs import episode
+from laploop.envs.episode_config import EpisodeConfig
 from laploop.errors import InfeasibleError
 from laploop.perception.geometry import Rig
 
@@ -62,7 +63,10 @@ def test_summary_has_every_promised_key(short_run):
         assert summary[group].keys() >= keys, group
     assert (summary["command"], summary["seed"], summary["motion"]) == ("run", 5, "both")
     assert (summary["success"], summary["terminated_by"]) == (False, "time")
-    assert summary["config"]["episode"]["seconds"] == 0.3
+    assert summary["config"]["task"]["max_seconds"] == 0.3
+    assert from_plain(EpisodeConfig, summary["config"]) == EpisodeConfig.of(
+        perception="oracle", seed=5, seconds=0.3, motion="both"
+    )
 
 
 def test_results_are_shown_on_the_standard_output(tmp_path, capsys):
@@ -77,15 +81,15 @@ def test_results_are_shown_on_the_standard_output(tmp_path, capsys):
     ("option", "value", "message"),
     [
         ("--task", "dance", "unknown task 'dance'; available: look, palpate, reach, scan, track"),
-        ("--perception", "eyes", "unknown perception 'eyes'; available: compact, "),
-        ("--actuation", "rocket", "unknown actuation 'rocket'; available: ideal, ur5-cb, ur5-e"),
-        ("--motion", "wobbling", "available: beating, both, breathing, still"),
+        ("--perception", "eyes", "unknown estimator 'eyes'; available: compact, "),
+        ("--actuation", "rocket", "--actuation is 'rocket'; allowed: ideal, ur5-cb, ur5-e"),
+        ("--motion", "wobbling", "--motion is 'wobbling'; allowed: still, breathing, beating, both"),
         ("--prediction", "magic", "unknown prediction 'magic'; available: none, rate, rhythms"),
-        ("--optics", "rosy", "unknown optics 'rosy'; available: ideal, paper, worst"),
-        ("--trocar", "rusty", "unknown trocar 'rusty'; available: dry, lubricated, none"),
+        ("--optics", "rosy", "unknown optics preset 'rosy'; available: ideal, paper, worst"),
+        ("--trocar", "rusty", "--trocar is 'rusty'; allowed: none, lubricated, dry"),
         ("--weights", "nowhere.safetensors", "weights not found at nowhere.safetensors"),
         ("--seconds", "-1", "seconds is -1.0; allowed: above 0"),
-        ("--seed", "-1", "seed is -1; allowed: an integer from 0"),
+        ("--seed", "-1", "seed is -1; allowed: an integer, at least 0"),
     ],
 )
 def test_value_that_is_not_allowed_is_named_with_what_is(tmp_path, capsys, option, value, message):
@@ -94,17 +98,42 @@ def test_value_that_is_not_allowed_is_named_with_what_is(tmp_path, capsys, optio
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("arguments", [["--seed", "abc"], ["--seed", "1.5"], ["--sed", "1"], []])
-def test_option_that_cannot_be_read_is_bad_input(tmp_path, capsys, arguments):
-    out = ["--out", str(tmp_path / "out")] if arguments else []
-    assert main(["run", *arguments, *out]) == 2
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--seed", "abc"], "--seed is 'abc'; allowed: INT"),
+        (["--seed", "1.5"], "--seed is '1.5'; allowed: INT"),
+        (["--seconds"], "--seconds needs a value: FLOAT"),
+        (["--sed", "1"], "unknown option --sed; did you mean --seed?"),
+        (["track"], "unexpected 'track'; every value follows the name of its option"),
+        (["--camera-hz", "50"], "unknown option --camera-hz; did you mean --loop.camera-hz?"),
+        (["--loop.camera_hs", "50"], "unknown option --loop.camera_hs; did you mean --loop.camera-hz?"),
+        (["--loop.latency", "50"], "--loop.latency is a table; its fields: --loop.latency.kind, --loop.latency.latency-ms"),
+        (["--loop.camera-hz"], "--loop.camera-hz needs a value: 0.5 to 1000"),
+        (["--loop.camera-hz", "fast"], "task.loop.camera_hz is 'fast'; allowed: 0.5 to 1000"),
+        (["--loop.camera-hz", "30"], "task.loop.camera_hz is 30.0; allowed: a period of whole physics steps of 2 ms"),
+        (["--loop.device", "tpu"], "task.loop.device is 'tpu'; allowed: cpu, cuda, or a number behind it as in cuda:0"),
+        (["--loop.latency.kind", "normal"], "unknown kind of loop.latency 'normal'; did you mean 'lognormal'?"),
+        (["--loop.latency.sigma", "1"], "unknown field 'loop.latency.sigma'; available: kind, latency_ms"),
+        (["--loop.faults", "x"], "task.loop.faults.0 is 'x'"),
+    ],
+)
+def test_option_that_cannot_be_read_is_bad_input_in_one_line(tmp_path, capsys, arguments, message):
+    assert main(["run", *arguments, "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
-    assert (arguments[-1] if arguments else "--out") in error
+    assert message in error
+    assert error.startswith("laploop run: ")
+    assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 
+def test_the_folder_must_be_given(capsys):
+    assert main(["run"]) == 2
+    assert capsys.readouterr().err == "laploop run: --out must be given\n"
+
+
 def test_folder_that_cannot_be_written_is_refused_before_the_episode(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(command, "run_episode", lambda *_: pytest.fail("the episode was run"))
+    monkeypatch.setattr(episode, "run_episode", lambda *_: pytest.fail("the episode was run"))
     (tmp_path / "file").write_text("")
     assert main(["run", "--perception", "oracle", "--out", str(tmp_path / "file" / "out")]) == 2
     assert "cannot write" in capsys.readouterr().err
@@ -114,7 +143,7 @@ def test_interrupted_run_leaves_nothing(tmp_path, capsys, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(command, "run_episode", interrupted)
+    monkeypatch.setattr(episode, "run_episode", interrupted)
     assert main(["run", "--perception", "oracle", "--out", str(tmp_path / "out")]) == 130
     assert capsys.readouterr().err.endswith("laploop run: interrupted\n")
     assert not (tmp_path / "out").exists()
@@ -137,11 +166,12 @@ def test_episode_that_breaks_off_keeps_its_recording_and_says_so(tmp_path, capsy
                 raise error
             return super().command(state)
 
-    def run_episode(config, recorder, progress):
-        controller = Breaks(Rig.from_optics(ScopeOptics()))
-        return episode.run_episode(config, recorder, progress, controller=controller)
+    whole = episode.run_episode
 
-    monkeypatch.setattr(command, "run_episode", run_episode)
+    def run_episode(config, recorder, progress):
+        return whole(config, recorder, progress, controller=Breaks(Rig.from_optics(ScopeOptics())))
+
+    monkeypatch.setattr(episode, "run_episode", run_episode)
     out = tmp_path / "out"
     out.mkdir()
     (out / "summary.json").write_text("of an earlier run")

@@ -22,7 +22,7 @@ def test_short_run_on_a_users_mesh_leaves_picture_and_summary(tmp_path):
     arguments = ["run", "--phantom", str(path), "--perception", "oracle", "--seconds", "0.3", "--no-rerun"]
     assert main([*arguments, "--out", str(out)]) == 0
     summary = json.loads((out / "summary.json").read_text())
-    assert summary["config"]["episode"]["phantom"] == str(path)
+    assert summary["config"]["task"]["loop"]["theatre"]["tissue"]["mesh"] == str(path)
     # Millimetres: the oracle gives the exact depth, so anything else would be a surface that is not where it is seen.
     assert summary["depth_mae_mm"] < 1e-3
     assert (out / "episode.png").read_bytes().startswith(b"\x89PNG")

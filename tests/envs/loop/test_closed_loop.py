@@ -15,7 +15,7 @@ from laploop.envs.loop.proprioception import Proprioception
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.tasks.reach import ReachEnv
 from laploop.envs.theatre.theatre import Theatre
-from laploop.errors import InvalidValueError, SimulationError
+from laploop.errors import SimulationError
 from laploop.perception.geometry import invert_transform, transform_points
 
 MS = 1_000_000
@@ -234,5 +234,5 @@ def test_a_closed_loop_that_was_closed_does_not_go_on(task_env):
     env = task_env("reach")
     env.reset(seed=3)
     env.loop.close()
-    with pytest.raises(InvalidValueError, match="closed"):
+    with pytest.raises(SimulationError, match=r"call reset\(\) first"):
         env.loop.advance(STILL)

@@ -1,0 +1,29 @@
+"""`laploop config`: the whole configuration of an episode as a file."""
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import tyro
+
+from laploop.cli.tree import toml_text
+from laploop.cli.tree_options import TreeOptions, parse_tree, with_options
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConfigArguments:
+    """Write the configuration of an episode to the standard output, as a TOML file that `--config` takes.
+
+    Every field is there with its value, meaning, bounds and unit. A file may hold a part of it only; the rest is then as it is
+    by default.
+    """
+
+    tree: Annotated[TreeOptions, tyro.conf.arg(name="")] = field(default_factory=TreeOptions)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Run the command."""
+    chosen, rest = parse_tree(ConfigArguments, arguments, "config")
+    sys.stdout.write(toml_text(with_options(chosen.tree.tree(), rest, ConfigArguments)))
+    return 0

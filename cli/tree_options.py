@@ -1,0 +1,241 @@
+"""Episodes from the command line: a file, the options people change most, and every field of the tree by its path.
+
+`--loop.camera-hz 50` sets the field `camera_hz` of the loop. Paths begin at the task, whose own fields need no prefix, or at
+another part of the episode, as `--perception.name` does; in a file the task's fields stand under `[task]`.
+"""
+
+import json
+import sys
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+
+import tyro
+
+from laploop.cli.parsing import options_of, parse_known, unknown_option
+from laploop.cli.tree import Leaf, leaves, option_name, options_text
+from laploop.configuration import alternatives, from_plain, to_plain
+from laploop.envs.episode_config import EpisodeConfig, EpisodeOptions
+from laploop.errors import InvalidValueError, LaploopError, UsageError, check_file
+
+ROOT = "task"
+"""Part of an episode whose fields are named without it."""
+
+_LARGEST_FILE = 64 * 2**20
+_EVERYTHING = "--help-all"
+
+Arguments = TypeVar("Arguments")
+Plain = dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileOptions:
+    """A configuration file, and whether the code it names may be run."""
+
+    config: Path | None = None
+    """Configuration to start from: TOML as `laploop config` writes it, whole or in part, or the summary.json of an earlier run.
+    Every field of it is an option too, such as --loop.camera-hz 50; --help-all lists them."""
+    trust: bool = False
+    """Accept module:Class from that file, which runs the code it names."""
+
+    def read(self) -> Plain:
+        """Return what the file holds, in the layout of `EpisodeConfig`; empty without a file.
+
+        Raises:
+            LaploopError: If it cannot be read, or names code and is not trusted.
+        """
+        if self.config is None:
+            return {}
+        plain = _read(self.config)
+        if not self.trust and (named := next(_named_code(plain), None)) is not None:
+            raise InvalidValueError(f"{self.config}: {named[0]}", named[1], "no module:Class from a file without --trust")
+        return plain
+
+
+@dataclass(frozen=True, kw_only=True)
+class TreeOptions:
+    """What makes an episode."""
+
+    episode: Annotated[EpisodeOptions, tyro.conf.arg(name="")] = field(default_factory=EpisodeOptions)
+    file: Annotated[FileOptions, tyro.conf.arg(name="")] = field(default_factory=FileOptions)
+
+    def tree(self) -> EpisodeConfig:
+        """Return the episode of the file with the options in place.
+
+        Raises:
+            LaploopError: If a value is not allowed.
+        """
+        plain = self.file.read()
+        if not plain:
+            return self.episode.episode()
+        task = plain.get(ROOT, {}).get("kind", self.episode.task or "reach")
+        return self.episode.applied_to(with_plain(EpisodeConfig.of(task=task), plain, source=str(self.file.config)))
+
+
+def parse_tree(kind: type[Arguments], arguments: Sequence[str], command: str) -> tuple[Arguments, list[str]]:
+    """Read the arguments of a command that takes a tree; return with them those that set fields of it, for `with_options`.
+
+    Raises:
+        LaploopError: If a value is not allowed, or an option is missing or of the wrong type.
+        SystemExit: With status 0 after `--help` or `--help-all`.
+    """
+    if _EVERYTHING in arguments:
+        place = arguments.index("--task") + 1 if "--task" in arguments else len(arguments)
+        task = arguments[place] if place < len(arguments) else "reach"
+        sys.stdout.write(f"Fields of the task {task}, as options of `laploop {command}`:\n\n")
+        sys.stdout.write(options_text(EpisodeConfig.of(task=task), ROOT))
+        raise SystemExit(0)
+    return parse_known(kind, arguments, command)
+
+
+def with_options(episode: EpisodeConfig, tokens: Sequence[str], kind: type) -> EpisodeConfig:
+    """Return an episode with those fields changed that options name.
+
+    Args:
+        episode: Where the paths begin.
+        tokens: Options and their values.
+        kind: The command's arguments, whose options are suggested too.
+
+    Raises:
+        LaploopError: If there is no such field, or a value is not allowed.
+    """
+    return with_plain(episode, _assigned(tokens, leaves(episode), kind)) if tokens else episode
+
+
+def with_plain(episode: EpisodeConfig, plain: Plain, *, source: str = "") -> EpisodeConfig:
+    """Return an episode with what a file holds in place of its own.
+
+    Raises:
+        LaploopError: If a value is not allowed.
+    """
+    return from_plain(EpisodeConfig, _merged(to_plain(episode), plain), source=source)
+
+
+def _read(path: Path) -> Plain:
+    path = check_file("configuration", path, "write one with `laploop config`")
+    name = f"configuration {path}"
+    if (size := path.stat().st_size) > _LARGEST_FILE:
+        raise InvalidValueError(name, f"{size} bytes", f"at most {_LARGEST_FILE}")
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+        plain = json.loads(text) if text.lstrip().startswith("{") else tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InvalidValueError(name, reason, "TOML as `laploop config` writes it, or a summary.json") from error
+    if "command" in plain and isinstance(plain.get("config"), dict):
+        plain = plain["config"]
+        # `trials` keeps the episode beside its own options.
+        plain = plain.get("episode", plain)
+    return _in_layout(plain, name)
+
+
+def _in_layout(plain: Plain, name: str) -> Plain:
+    """Move fields of the task from the top, where a file may have them as the command line has, to their place."""
+    top = {one.name for one in fields(EpisodeConfig)}
+    task = plain.get(ROOT, {})
+    task = {"kind": task} if isinstance(task, str) else task
+    if not isinstance(task, dict):
+        raise InvalidValueError(f"{name}: {ROOT}", task, "a table, or the task's name")
+    beside = {key: value for key, value in plain.items() if key not in top}
+    rest = {key: value for key, value in plain.items() if key in top and key != ROOT}
+    return {**rest, ROOT: _merged(task, beside)} if task or beside else rest
+
+
+def _named_code(plain: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    """Yield where a file names code by `module:Class`, and what it names."""
+    if isinstance(plain, Mapping):
+        for key, value in plain.items():
+            place = f"{path}.{key}" if path else str(key)
+            if key in {"kind", "name"} and isinstance(value, str) and ":" in value:
+                yield place, value
+            yield from _named_code(value, place)
+
+
+def _merged(base: Plain, over: Plain) -> Plain:
+    """Return nested tables with others laid over them; a table of another `kind` takes the place of the whole."""
+    result = dict(base)
+    for key, value in over.items():
+        before: Any = result.get(key)
+        same = (
+            isinstance(before, dict) and isinstance(value, dict) and value.get("kind", before.get("kind")) == before.get("kind")
+        )
+        result[key] = _merged(before, value) if same else value
+    return result
+
+
+def _assigned(tokens: Sequence[str], known: Mapping[tuple[str, ...], Leaf], kind: type) -> Plain:
+    names = {option_name(path, ROOT): leaf for path, leaf in known.items() if path != (ROOT, "kind")}
+    plain: Plain = {}
+    for token, values in _options(tokens):
+        name = token.replace("_", "-")
+        name = name if name in names else name.replace(f"--{ROOT}.", "--", 1)
+        leaf = names.get(name)
+        if leaf is None and (parent := name.rpartition(".")[0]) in names and _is_table(names[parent]):
+            # An argument of a user's own object.
+            leaf, path = names[parent], (*names[parent].path, token.rpartition(".")[2])
+        elif leaf is None:
+            raise _unknown(token, names, kind)
+        else:
+            path = leaf.path
+        if not values:
+            raise UsageError(f"{token} needs a value{f': {leaf.allowed}' if leaf.allowed else ''}")
+        place = plain
+        for part in path[:-1]:
+            place = place.setdefault(part, {})
+        place[path[-1]] = _value(leaf, values)
+    return plain
+
+
+def _options(tokens: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
+    """Yield each option with the words that follow it."""
+    given: list[tuple[str, list[str]]] = []
+    for token in tokens:
+        if token.startswith("--"):
+            name, equals, value = token.partition("=")
+            given.append((name, [value] if equals else []))
+        elif given:
+            given[-1][1].append(token)
+        else:
+            raise unknown_option(token, [])
+    return iter(given)
+
+
+def _is_table(leaf: Leaf) -> bool:
+    return any(get_origin(one) is dict for one in alternatives(leaf.annotation))
+
+
+def _unknown(token: str, names: Mapping[str, Leaf], kind: type) -> LaploopError:
+    below = [name for name in names if name.startswith(f"{token}.")]
+    if below:
+        return UsageError(f"{token} is a table; its fields: {', '.join(below)}")
+    options = [*names, *options_of(kind)]
+    last = token.rpartition(".")[2]
+    # Someone who knows a field's name need not know where it is.
+    if not get_close_matches(token, options, n=1) and (there := [name for name in names if name.endswith(f".{last}")]):
+        return UsageError(f"unknown option {token}; did you mean {there[0]}?")
+    return unknown_option(token, options)
+
+
+def _value(leaf: Leaf, words: Sequence[str]) -> Any:
+    """Return what words stand for, as a file would hold it; what is not allowed is left for the tree to refuse."""
+    kinds = [get_args(one)[0] if get_origin(one) is Annotated else one for one in alternatives(leaf.annotation)]
+    texts = [one for one in kinds if one in {str, Path} or (get_origin(one) is Literal and isinstance(get_args(one)[0], str))]
+    numbers = [one for one in kinds if one not in texts and one is not type(None)]
+    values = [word if texts and not numbers else _number(word) for word in words]
+    listed = any(get_origin(one) is tuple for one in kinds)
+    if listed and not (len(values) == 1 and (isinstance(values[0], list) or values[0] == "none")):
+        return values
+    return values[0] if len(values) == 1 else " ".join(words)
+
+
+def _number(word: str) -> Any:
+    """Return the number, the truth value, the list or the table that a word is, or the word."""
+    for read in (json.loads, float):
+        try:
+            return read(word)
+        except (ValueError, RecursionError):
+            continue
+    return word
