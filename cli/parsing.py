@@ -1,8 +1,10 @@
 """Command lines from frozen dataclasses: help with bounds, one line for an error."""
 
 import dataclasses
+import io
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import redirect_stdout, suppress
 from difflib import get_close_matches
 from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_origin, get_type_hints
 
@@ -51,8 +53,10 @@ def parse_known(kind: type[Arguments], arguments: Sequence[str], command: str) -
 
 def options_of(kind: type) -> list[str]:
     """Return the names of all options of a command, with their dashes."""
-    with _BOUNDS_IN_HELP:
-        return re.findall(r"(?<![\w-])--[a-z][\w.-]*", str(tyro.extras.get_parser(kind).format_help()))  # type: ignore[no-untyped-call]
+    text = io.StringIO()
+    with _BOUNDS_IN_HELP, redirect_stdout(text), suppress(SystemExit):
+        tyro.cli(kind, args=["--help"])
+    return re.findall(r"(?<![\w-])--[a-z][\w.-]*", text.getvalue())
 
 
 def unknown_option(token: str, options: Iterable[str]) -> UsageError:

@@ -189,7 +189,7 @@ def test_a_real_campaign_goes_on_where_it_was(tmp_path):
 
 
 def test_command_writes_the_table(tmp_path, capsys, monkeypatch):
-    def made(config, out, progress):
+    def made(_config, _out, progress, _campaigns):
         progress(4)
         return tracks([0.3, 0.3], [0.6, 0.6])
 
