@@ -6,7 +6,6 @@ import pytest
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.optics.stripe_optics import Material
 from laploop.envs.sensors.reference.camera import ReferenceCamera, lateral_mount
-from laploop.envs.sensors.reference.noise import ReferenceNoise
 from laploop.envs.sensors.reference.optics import ReferenceOptics
 from laploop.envs.sensors.tracing import primitives
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
@@ -19,6 +18,9 @@ AT_ORIGIN = np.eye(4)
 COARSE = ReferenceOptics(sampling="4x4")
 IDEAL = COARSE.ideal()
 EXACT_MM = 2e-3  # float32 rounding of 1100 mm, some times over
+REGION = (201, 150, 220, 160)
+COLUMN, ROW, WIDTH, HEIGHT = REGION
+CROP = (slice(ROW, ROW + HEIGHT), slice(COLUMN, COLUMN + WIDTH))
 
 
 @pytest.fixture(scope="module")
@@ -44,28 +46,6 @@ def crosses_box(start, end, low, high):
         a, b = (low - start) / way, (high - start) / way
     enter, leave = np.minimum(a, b).max(axis=-1), np.maximum(a, b).min(axis=-1)
     return (enter <= leave) & (leave > 0.0) & (enter < 1.0), enter
-
-
-def test_numbers_are_those_of_the_data_sheet():
-    optics = ReferenceOptics(sampling="full")
-    camera = optics.intrinsics
-    assert (camera.width, camera.height, camera.fx, camera.cx, camera.cy) == (2448, 2048, 2481.0, 1224.0, 1024.0)
-    np.testing.assert_allclose(projector_centre(), [0.1112, 0.0, 0.0079], atol=1e-12)
-    # The projector's axis leans to the camera's, 4.87 degrees.
-    axis = optics.rig.projector_from_camera[2, :3]
-    assert np.degrees(np.arctan2(-axis[0], axis[2])) == pytest.approx(4.87, abs=0.01)
-    # Sampling keeps the field of view and the middle of the image.
-    for sampling, step in (("2x2", 2), ("4x4", 4)):
-        sampled = replace(optics, sampling=sampling).intrinsics
-        assert (sampled.width, sampled.height) == (2448 // step, 2048 // step)
-        corners = [k.unproject(np.array([0.0, k.height]), 1.0) for k in (camera, sampled)]
-        np.testing.assert_allclose(corners[0], corners[1], atol=1e-12)
-
-
-def test_converging_rig_triangulates_what_it_projects():
-    rig = IDEAL.rig
-    depth = 0.3 + 0.8 * np.random.default_rng(0).random((512, 612))
-    np.testing.assert_allclose(rig.depth_from_projector_x(rig.projector_x(depth)), depth, rtol=1e-9)
 
 
 @pytest.mark.parametrize("z", [0.31, 0.6, 1.09])
@@ -153,22 +133,6 @@ def test_noise_grows_on_slanting_and_on_dark_surfaces(make_plane):
     assert spread(factor=0.25) == pytest.approx(2.0 * facing, rel=0.03)
     # 60 degrees: half the cosine doubles it, half the light takes another root of two; the angle varies by 4 degrees.
     assert spread(tilt=np.pi / 3.0) == pytest.approx(2.0 * np.sqrt(2.0) * facing, rel=0.1)
-
-
-def test_scale_and_bend_belong_to_the_camera_and_stay_within_their_bounds():
-    scales, bends = [], []
-    for seed in range(30):
-        noise = ReferenceNoise(replace(COARSE, unit_seed=seed))
-        scales.append(noise.scale)
-        bends.append(noise.bend_mm)
-        assert 0.04 < np.abs(noise.bend_mm).max() <= 0.1
-        # Smooth: less than a tenth of the bound between points 10 mm apart at 600 mm.
-        assert np.abs(noise.bend_mm[:, 10:] - noise.bend_mm[:, :-10]).max() < 0.01
-    assert max(np.abs(scales)) <= 0.002
-    assert np.std(scales) > 0.0005
-    again = ReferenceNoise(replace(COARSE, sampling="2x2"))
-    assert again.scale == scales[0]
-    np.testing.assert_allclose(again.bend_mm.reshape(512, 2, 612, 2).mean(axis=(1, 3)), bends[0], atol=1e-4)
 
 
 def test_dark_points_are_missing(make_plane):
@@ -299,3 +263,56 @@ def test_bad_input_is_refused(ideal_camera):
             lateral_mount([0.0, 0.0, 0.0], **{name: value})
     with pytest.raises(InvalidValueError, match="target_in_world"):
         lateral_mount([0.0, np.nan, 0.0])
+
+
+def _scene():
+    """Return a bumpy sheet 600 mm away with a card before it that throws a shadow."""
+    x, y = np.meshgrid(np.linspace(-0.15, 0.15, 40), np.linspace(-0.12, 0.12, 40))
+    sheet = np.stack([x, y, 0.6 + 0.01 * np.sin(40.0 * x) * np.cos(50.0 * y)], axis=-1).reshape(-1, 3)
+    first = (np.arange(39)[:, None] * 40 + np.arange(39)).ravel()
+    triangles = np.concatenate([np.stack([first, first + 1, first + 41], 1), np.stack([first, first + 41, first + 40], 1)])
+    card = np.array([[-0.02, -0.03, 0.55], [0.01, -0.03, 0.55], [0.01, 0.02, 0.55], [-0.02, 0.02, 0.55]])
+    return SceneGeometry(
+        points=np.concatenate([sheet, card]),
+        triangles=np.concatenate([triangles, len(sheet) + np.array([[0, 1, 2], [0, 2, 3]])]),
+        object_ids=int(ObjectId.TISSUE),
+    )
+
+
+def _capture(optics, rng=None):
+    camera = ReferenceCamera(optics, threads=1)
+    camera.attach_geometry(_scene())
+    return camera.capture(None, np.eye(4), rng)
+
+
+def test_region_is_the_crop_of_the_whole_image():
+    whole, region = _capture(COARSE), _capture(replace(COARSE, region=REGION))
+    assert region.z.shape == (HEIGHT, WIDTH)
+    np.testing.assert_array_equal(region.valid, whole.valid[CROP])
+    # Both kinds of point are there.
+    assert region.valid.any()
+    assert not region.valid.all()
+    np.testing.assert_allclose(region.z, whole.z[CROP], atol=1.3e-4)  # mm, two units of single precision at 600 mm
+    np.testing.assert_allclose(region.xyz, whole.xyz[CROP], atol=1.3e-4)
+    np.testing.assert_allclose(region.normals, whole.normals[CROP], atol=1e-5)
+    np.testing.assert_allclose(region.snr, whole.snr[CROP], rtol=1e-5)
+    # At the border the lens's blur knows nothing of what lies outside.
+    inside = (slice(2, -2), slice(2, -2))
+    np.testing.assert_allclose(region.rgba[inside].astype(int), whole.rgba[CROP][inside].astype(int), atol=1)
+
+
+def test_points_follow_from_depth_and_the_intrinsics_of_the_region():
+    optics = replace(COARSE, region=REGION)
+    region = _capture(optics, np.random.default_rng(1))
+    rays = optics.intrinsics.rays.astype(np.float32)
+    np.testing.assert_array_equal(region.xyz, rays * region.z[..., None])
+
+
+def test_region_of_the_whole_image_changes_no_bit():
+    k = COARSE.intrinsics
+    full = replace(COARSE, region=(0, 0, k.width, k.height))
+    assert full.intrinsics == k
+    assert full.window == COARSE.window
+    one, other = (_capture(optics, np.random.default_rng(3)) for optics in (COARSE, full))
+    for name in ("xyz", "z", "rgba", "normals", "snr"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
