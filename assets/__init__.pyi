@@ -12,6 +12,8 @@ from .shafts import INSTRUMENT as INSTRUMENT
 from .shafts import LAPAROSCOPE as LAPAROSCOPE
 from .shafts import Shaft as Shaft
 from .stripe_mask import StripeMask as StripeMask
+from .tissue_appearance import AppearanceRanges as AppearanceRanges
+from .tissue_appearance import TissueAppearance as TissueAppearance
 from .tissue_config import TissueConfig as TissueConfig
 from .tissue_config import TissueMaterial as TissueMaterial
 from .tissue_config import TissueShape as TissueShape
@@ -20,11 +22,13 @@ from .ur5 import build_ur5 as build_ur5
 __all__ = [
     "INSTRUMENT",
     "LAPAROSCOPE",
+    "AppearanceRanges",
     "CalibrationBoard",
     "DepthOfFieldTarget",
     "ScopeOptics",
     "Shaft",
     "StripeMask",
+    "TissueAppearance",
     "TissueConfig",
     "TissueMaterial",
     "TissueShape",

@@ -16,7 +16,11 @@ from .recording.recorder import CompositeRecorder as CompositeRecorder
 from .recording.recorder import NullRecorder as NullRecorder
 from .recording.recorder import Recorder as Recorder
 from .recording.rerun_recorder import RerunRecorder as RerunRecorder
+from .sensors.optics.exposure_control import ExposureControl as ExposureControl
+from .sensors.optics.presets import OpticsRanges as OpticsRanges
 from .sensors.optics.presets import optics_preset as optics_preset
+from .sensors.optics.scope_ranges import ScopeRanges as ScopeRanges
+from .sensors.optics.stripe_optics import Material as Material
 from .sensors.optics.stripe_optics import StripeOptics as StripeOptics
 from .sensors.reference.camera import ReferenceCamera as ReferenceCamera
 from .sensors.reference.optics import ReferenceOptics as ReferenceOptics
@@ -59,6 +63,7 @@ __all__ = [
     "Criterion",
     "EpisodeConfig",
     "EpisodeOptions",
+    "ExposureControl",
     "Fault",
     "KinematicErrors",
     "LatencyModel",
@@ -66,7 +71,9 @@ __all__ = [
     "LookConfig",
     "LookEnv",
     "LoopConfig",
+    "Material",
     "NullRecorder",
+    "OpticsRanges",
     "PalpateConfig",
     "PalpateEnv",
     "PerceptionConfig",
@@ -79,6 +86,7 @@ __all__ = [
     "RerunRecorder",
     "ScanConfig",
     "ScanEnv",
+    "ScopeRanges",
     "StageTravel",
     "StripeCamera",
     "StripeOptics",

@@ -21,6 +21,6 @@ def test_text_that_is_no_pattern_is_refused(text):
 
 
 @pytest.mark.parametrize("values", [np.full((2, 2), 1.2), np.full((2, 2), np.nan), np.zeros(4), np.zeros((2, 1025))])
-def test_what_is_no_transmission_is_not_encoded(values):
+def test_only_transmissions_can_be_encoded(values):
     with pytest.raises(InvalidValueError, match="pattern"):
         encode_pattern(values)

@@ -14,7 +14,7 @@ POINTS = np.stack(np.meshgrid(np.linspace(-0.1, 0.1, 101), np.linspace(-0.1, 0.1
 
 
 @pytest.mark.parametrize("coverage", [0.05, 0.2, 0.5])
-def test_patches_cover_what_they_should_and_are_as_dark_as_said(coverage):
+def test_patches_have_the_given_coverage_and_darkness(coverage):
     appearance = TissueAppearance(coverage=coverage, darkness=0.7)
     factor = appearance_factor(POINTS, appearance, np.random.default_rng(1))
     # Half-way up its soft border a patch has taken half of its darkness.
@@ -23,7 +23,7 @@ def test_patches_cover_what_they_should_and_are_as_dark_as_said(coverage):
     assert factor.max() == 1.0
 
 
-def test_patches_have_their_size():
+def test_patches_grow_with_their_size():
     areas = []
     for size in (0.008, 0.016):
         factor = appearance_factor(POINTS, TissueAppearance(coverage=0.15, patch_size_m=size), np.random.default_rng(2))
@@ -41,7 +41,7 @@ def test_darker_patches_stay_where_they_are():
     np.testing.assert_allclose((1.0 - factors[1]) / 0.6, (1.0 - factors[0]) / 0.3, atol=1e-5)
 
 
-def test_detail_varies_the_albedo_by_what_was_said():
+def test_detail_varies_the_albedo_by_its_standard_deviation():
     factor = appearance_factor(POINTS, TissueAppearance(detail=0.1), np.random.default_rng(5))
     assert factor.std() == pytest.approx(0.1, rel=0.15)
     assert factor.mean() == pytest.approx(1.0, abs=0.01)

@@ -122,7 +122,7 @@ def test_contrast_is_that_of_the_real_scope_and_falls_with_distance(camera, make
     assert contrast[-1] > 0.25  # still stripes
 
 
-def test_scattering_under_the_surface_takes_contrast(camera, make_plane):
+def test_scattering_under_the_surface_lowers_contrast(camera, make_plane):
     matte = plane_contrast(camera, make_plane(0.08))
     tissue = plane_contrast(camera, make_plane(0.08, object_id=ObjectId.TISSUE))
     assert 0.6 * matte < tissue < 0.95 * matte
@@ -353,12 +353,12 @@ def test_twelve_bits_round_to_the_eight_that_estimators_take(camera, make_plane,
         ("4095", np.full((2, 2), 5000, dtype=np.uint16), 12),
     ],
 )
-def test_what_is_no_such_image_is_not_converted(reason, image, bits):
+def test_only_twelve_bit_images_are_converted(reason, image, bits):
     with pytest.raises(InvalidValueError, match=reason):
         to_eight_bits(image, bits)
 
 
-def test_the_nominal_image_is_what_it_always_was(camera, make_plane):
+def test_nominal_image_has_not_changed(camera, make_plane):
     camera.attach_geometry(make_plane(0.085, tilt_x=0.3, object_id=ObjectId.TISSUE))
     row = camera.capture(None, AT_ORIGIN, np.random.default_rng(12)).image[100, 96:128]
     assert row.tolist() == ROW_OF_THE_FIRST_TRAINING

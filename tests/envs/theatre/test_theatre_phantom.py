@@ -48,7 +48,7 @@ def config(path):
     return TheatreConfig(seed=0, working_distance_m=0.085, tissue=TissueConfig(mesh=path))
 
 
-def test_it_stands_at_the_working_distance_and_hardly_sags(config, solid):
+def test_phantom_is_at_the_working_distance_and_hardly_sags(config, solid):
     theatre = Theatre(config)
     theatre.refresh()
     points = theatre.tissue.surface_points()

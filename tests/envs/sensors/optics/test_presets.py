@@ -79,13 +79,13 @@ def test_same_seed_draws_the_same_optics_inside_the_ranges():
         assert max(values) - min(values) > 0.7 * (high - low)
 
 
-def test_what_has_no_range_stays_as_it_is():
+def test_optics_without_a_range_keep_their_values():
     optics = replace(optics_preset("worst"), exposure_s=0.004, f_number=5.6)
     drawn = randomised_surfaces(optics, np.random.default_rng(0), OpticsRanges())
     assert (drawn.exposure_s, drawn.f_number, drawn.other, drawn.bits) == (0.004, 5.6, optics.other, 8)
 
 
-def test_training_frames_draw_what_they_always_drew():
+def test_training_frames_draw_what_the_shipped_weights_saw():
     optics = draw_optics(FrameRanges(), 0.09, np.random.default_rng(0))
     # The first draws of the data sets from which the shipped weights were trained.
     assert optics.led_power_w == pytest.approx(0.04465124452950589, rel=1e-12)

@@ -209,7 +209,7 @@ def test_normals_are_as_noisy_as_planes_through_their_neighbours(make_plane):
     assert normals[..., 1].std() == pytest.approx(expected, rel=0.05)
 
 
-def test_same_seed_same_bits_whatever_the_threads(make_plane):
+def test_same_seed_gives_the_same_bits_with_any_number_of_threads(make_plane):
     captures = []
     for threads, seed in ((1, 5), (2, 5), (3, 5), (1, 6)):
         camera = ReferenceCamera(COARSE, threads=threads)
