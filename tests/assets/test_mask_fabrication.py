@@ -16,3 +16,9 @@ def test_a_printed_mask_is_rougher_than_a_chrome_one():
         fabricated(StripeMask(), "etched")
     with pytest.raises(InvalidValueError, match="edge_wander"):
         fabricated(StripeMask(profile=(0.0, 1.0)), "printed")
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, True, None])
+def test_seeds_of_a_specimen_are_integers_from_zero(seed):
+    with pytest.raises(InvalidValueError, match="edge_seed is"):
+        fabricated(StripeMask(), "printed", seed)

@@ -152,11 +152,11 @@ class SceneGeometry:
 
     def update(self, data: mujoco.MjData) -> None:
         """Move the points to where the model's bodies and flexes are; make the kinematics current first."""
-        for part in self._flex:
-            self.points[part.rows] = data.flexvert_xpos[part.vertices]
-        for part_ in self._rigid:
-            rotation = data.geom_xmat[part_.geom].reshape(3, 3)
-            self.points[part_.rows] = part_.points_in_geom @ rotation.T + data.geom_xpos[part_.geom]
+        for flex in self._flex:
+            self.points[flex.rows] = data.flexvert_xpos[flex.vertices]
+        for rigid in self._rigid:
+            rotation = data.geom_xmat[rigid.geom].reshape(3, 3)
+            self.points[rigid.rows] = rigid.points_in_geom @ rotation.T + data.geom_xpos[rigid.geom]
 
     def move(self, points: NDArray[np.floating]) -> None:
         """Replace all points of a scene of plain arrays.

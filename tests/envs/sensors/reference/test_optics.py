@@ -47,3 +47,9 @@ def test_region_from_json_is_the_same_camera():
 def test_region_outside_the_image_is_refused(region):
     with pytest.raises(InvalidValueError, match="region"):
         replace(WHOLE, region=region)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, True, "1", 2**32])
+def test_seeds_of_a_camera_are_integers_from_zero(seed):
+    with pytest.raises(InvalidValueError, match=r"unit_seed is .*; allowed: an integer, at least 0, below 4294967296"):
+        replace(WHOLE, unit_seed=seed)

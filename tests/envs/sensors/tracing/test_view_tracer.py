@@ -3,11 +3,14 @@ import numpy as np
 import pytest
 import warp as wp
 
+from laploop.assets.scope_optics import ScopeOptics
+from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.kernels import ray_kernels, shading_kernels, zbuffer_kernels
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.errors import InvalidValueError, UnknownNameError
+from laploop.perception.geometry import Rig
 
 AT_ORIGIN = np.eye(4)
 DEPTH_MM = 0.01  # what is promised; float32 at 0.1 m leaves about 0.00002 mm
@@ -238,6 +241,13 @@ def test_moving_rigid_geoms_are_followed(camera):
         view = camera.exact(data, np.diag([1.0, -1.0, -1.0, 1.0]))
         np.testing.assert_allclose(view.depth_mm[128, 128], 98.0 - shift * 1e3, atol=DEPTH_MM)
         assert view.object_id[128, 128] == ObjectId.TOOL
+
+
+def test_projector_far_wider_than_the_camera_lights_all_that_it_sees(make_plane):
+    mask = StripeMask(fov_rad=3.0)
+    camera = StripeCamera(Rig.from_optics(ScopeOptics(width=32, height=32, fov_rad=0.05, mask=mask)))
+    camera.attach_geometry(make_plane(0.1))
+    assert camera.exact(None, AT_ORIGIN).lit.all()
 
 
 def test_threads_do_not_change_a_bit(rig, make_plane):
