@@ -18,7 +18,7 @@ _BRIGHT_ENOUGH = 0.05
 FieldOfView = Annotated[float, Field(ge=0.02, le=3.0)]
 Stripes = Annotated[int, Field(ge=1, le=200)]
 Duty = Annotated[float, Field(ge=0.05, le=0.95)]
-Phase = Annotated[float, Field(ge=-1.0, le=1.0)]
+Phase = Annotated[float, Field(ge=-10.0, le=10.0)]
 Transmission = Annotated[float, Field(ge=0.0, le=1.0)]
 
 

@@ -74,7 +74,7 @@ def test_it_stays_at_rest_for_two_seconds_without_a_warning(config):
 def test_camera_sees_tissue_with_smooth_normals_in_the_middle(config):
     theatre = Theatre(config)
     theatre.refresh()
-    rig = Rig.from_optics(config.optics)
+    rig = Rig.from_optics(config.scope)
     camera = StripeCamera(rig, StripeOptics())
     camera.attach(theatre.model)
     capture = camera.capture(theatre.data, theatre.world_from_camera(), np.random.default_rng(0))
