@@ -4,17 +4,20 @@ A shaft's frame is at its tip, z along the shaft away from the flange; on the ar
 `length_m` along z.
 """
 
-from dataclasses import dataclass
+from typing import Annotated
+
+from laploop.configuration import Field, configuration
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class Shaft:
     """A straight cylinder from the arm's flange to its tip."""
 
-    length_m: float
+    length_m: Annotated[float, Field(gt=0.0, le=2.0)]
     """From the flange to the origin of the shaft's frame."""
-    diameter_m: float
-    tip_radius_m: float
+    diameter_m: Annotated[float, Field(gt=0.0, le=0.1)]
+    """Of the cylinder."""
+    tip_radius_m: Annotated[float, Field(ge=0.0, le=0.05)]
     """Radius of the ball end whose centre is the origin of the frame; 0 for a flat face at the origin."""
 
 

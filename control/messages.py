@@ -1,7 +1,7 @@
 """What the controllers are told and what they answer."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,7 @@ class ControlInput:
     """At which the camera should keep its target, for the task that moves the camera."""
 
 
+@runtime_checkable
 class TipController(Protocol):
     """Anything that turns what is known into a desired velocity of a tip."""
 
