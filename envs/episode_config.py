@@ -18,7 +18,7 @@ from laploop.envs.tasks.task_config import TaskConfig
 from laploop.envs.theatre.actuation import ActuationConfig, ActuationName
 from laploop.envs.theatre.organ_motion import BaseMotion, MotionName
 from laploop.envs.theatre.trocar import TrocarConfig, TrocarName
-from laploop.errors import InvalidValueError, UnknownNameError
+from laploop.errors import InvalidValueError
 from laploop.perception.estimators.registry import ESTIMATORS
 
 OWN = "own"
