@@ -23,7 +23,7 @@ CONTROLLERS: Registry[Callable[..., TipController]] = Registry(
         "look": f"{_ROOM}.look:LookController.of",
     },
 )
-"""An entry is called with the rig and the user's arguments by name, and with `predictor` where a prediction is asked for."""
+"""An entry is called with the rig and the user's arguments by name, and with `predictor` if a prediction is given."""
 
 
 def make_controller(

@@ -52,7 +52,7 @@ class TargetingConfig:
     rhythms: RhythmPredictorConfig = Field(default_factory=RhythmPredictorConfig)
     """For prediction rhythms."""
     follow_camera: bool = False
-    """Whether the camera moves: its pose at each capture then tells where the target must appear. Needs
+    """Whether the camera moves; where the target appears then follows from its pose at each capture. Needs
     `ControlInput.world_from_camera`."""
 
     def __post_init__(self) -> None:

@@ -54,7 +54,7 @@ def test_depth_that_jumps_for_one_frame_is_rejected(controller, plant, jump_m):
     plant.spoil = spoil
     controller.reset()
     log = plant.run(controller, 6.0)
-    # A frame that is not believed counts as one that never came: still tissue does not show the difference.
+    # A rejected frame counts as one that never came: on still tissue that makes no difference.
     np.testing.assert_allclose(log.tips, clean.tips, atol=1e-5)  # metres
 
 

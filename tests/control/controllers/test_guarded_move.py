@@ -1,4 +1,4 @@
-"""The last millimetres over a plane at rest; the tip goes where it is told at once."""
+"""The last millimetres over a plane at rest; the tip follows its velocity at once."""
 
 from types import SimpleNamespace
 

@@ -92,7 +92,7 @@ def run(
 
 
 def off_centre(rig, points):
-    """Return the distance from the image's centre as a share of its width."""
+    """Return the distance from the image's centre as a fraction of its width."""
     pixels = rig.camera.project(points)
     return np.linalg.norm(pixels - [rig.camera.cx, rig.camera.cy], axis=1) / rig.camera.width
 

@@ -40,7 +40,7 @@ def test_still_tissue_is_scanned_to_the_end(rig, plant):
     assert off.min(axis=0)[1:-1].max() < 1.5
     beyond = off.argmin(axis=1) == len(off[0]) - 1
     assert off.min(axis=1)[~beyond].max() < 3.0
-    # It goes on beyond the end, by a length that is told, on the surface: a tenth of it for the last control periods.
+    # It goes on beyond the end by `overrun_m`, on the surface; a tenth of that is for the last control periods.
     end = rig.camera.unproject(plant.path[-1], 1.0)
     end *= (plant.normal @ feet[-1]) / (plant.normal @ end)
     np.testing.assert_allclose(np.linalg.norm(feet[-1] - end), ScanControllerConfig().overrun_m, rtol=0.1)

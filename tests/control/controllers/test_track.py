@@ -54,7 +54,7 @@ def test_target_says_when_it_is_predicted(rig, make_plant, breathing):
     assert controller.target.predicted
 
 
-def test_predictor_of_the_users_is_believed_where_it_is_sure(rig, make_plant, breathing):
+def test_predictor_of_the_users_is_used_where_it_is_trusted(rig, make_plant, breathing):
     class Prophet:
         def reset(self):
             pass

@@ -65,7 +65,7 @@ def test_a_forecast_for_a_time_without_measurements_around_it_is_dropped():
     assert record.forecasts == 0
 
 
-def test_the_window_bounds_the_record_and_its_end_can_be_asked_for():
+def test_the_window_bounds_the_record_and_its_end_counts_alone():
     record = record_of(window=5)
     feed(record, range(1, 30))
     assert record.forecasts == 5

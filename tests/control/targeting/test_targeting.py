@@ -189,7 +189,7 @@ def test_unknown_prediction_is_named():
         TargetingConfig(prediction="magic")
 
 
-def test_marker_tells_of_sideways_motion(rig, make_plant):
+def test_marker_shows_sideways_motion(rig, make_plant):
     class Marked:
         """Slides the marker over a plane, whose depth does not show that."""
 

@@ -65,7 +65,7 @@ def test_a_held_measurement_is_extrapolated_along_no_axis():
     np.testing.assert_array_equal(motion.velocity, np.zeros(3))
 
 
-def test_a_frame_that_shows_nothing_is_told_to_the_predictor_and_changes_nothing_else():
+def test_a_frame_that_shows_nothing_reaches_the_predictor_and_changes_nothing_else():
     predictor = Oracle(trusted=False)
     motion = moving(predictor)
     before = motion.expected_at(41 * FRAME_NS)
