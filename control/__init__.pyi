@@ -10,8 +10,10 @@ from .controllers.look import LookController as LookController
 from .controllers.look import LookControllerConfig as LookControllerConfig
 from .controllers.palpate import PalpateController as PalpateController
 from .controllers.palpate import PalpateControllerConfig as PalpateControllerConfig
+from .controllers.phase import Phase as Phase
 from .controllers.reach import ReachController as ReachController
 from .controllers.reach import ReachControllerConfig as ReachControllerConfig
+from .controllers.registry import CONTROLLERS as CONTROLLERS
 from .controllers.registry import make_controller as make_controller
 from .controllers.scan import ScanController as ScanController
 from .controllers.scan import ScanControllerConfig as ScanControllerConfig
@@ -19,18 +21,28 @@ from .controllers.track import TrackController as TrackController
 from .controllers.track import TrackControllerConfig as TrackControllerConfig
 from .messages import ControlInput as ControlInput
 from .messages import TipController as TipController
-from .prediction.motion_predictor import HeldMeasurement as HeldMeasurement
+from .prediction.alpha_beta import AlphaBetaFilter as AlphaBetaFilter
+from .prediction.alpha_beta import AlphaBetaFilterConfig as AlphaBetaFilterConfig
+from .prediction.alpha_beta import HeldMeasurement as HeldMeasurement
+from .prediction.motion_predictor import BackgroundWork as BackgroundWork
 from .prediction.motion_predictor import MotionPredictor as MotionPredictor
 from .prediction.motion_predictor import Prediction as Prediction
-from .prediction.motion_predictor import RhythmPredictor as RhythmPredictor
-from .prediction.motion_predictor import RhythmPredictorConfig as RhythmPredictorConfig
+from .prediction.registry import PREDICTORS as PREDICTORS
+from .prediction.registry import make_predictor as make_predictor
+from .prediction.rhythm_predictor import RhythmPredictor as RhythmPredictor
+from .prediction.rhythm_predictor import RhythmPredictorConfig as RhythmPredictorConfig
 from .targeting.targeting import Target as Target
 from .targeting.targeting import Targeting as Targeting
 from .targeting.targeting import TargetingConfig as TargetingConfig
 
 __all__ = [
+    "CONTROLLERS",
+    "PREDICTORS",
     "SHAFT_TIP",
+    "AlphaBetaFilter",
+    "AlphaBetaFilterConfig",
     "ArmModel",
+    "BackgroundWork",
     "ControlInput",
     "HeldMeasurement",
     "LookController",
@@ -39,6 +51,7 @@ __all__ = [
     "NamedLimit",
     "PalpateController",
     "PalpateControllerConfig",
+    "Phase",
     "Prediction",
     "RcmController",
     "RcmControllerConfig",
@@ -57,5 +70,6 @@ __all__ = [
     "TrackController",
     "TrackControllerConfig",
     "make_controller",
+    "make_predictor",
     "start_posture",
 ]

@@ -1,7 +1,7 @@
-"""What the controllers are told and what they answer."""
+"""What controllers know at a control tick, and what they return."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlInput:
-    """All that a tip controller may know at a control tick; positions in metres, in the computer-vision camera's frame.
+    """Everything that a tip controller may know at a control tick; positions in metres, in the camera's frame.
 
     The tip is the centre of the probe's ball end, and touching a surface point p with unit normal n (towards the camera)
     means a tip at `p + tip_radius_m * n`.
@@ -31,27 +31,28 @@ class ControlInput:
     trocar_in_camera: Array
     """(3,), where the tool's shaft passes the wall."""
     contact_force_n: float
-    """Magnitude of what the tip's sensor reads, in newtons."""
+    """Magnitude of the tip sensor's reading, in newtons."""
     contact_force_in_camera: Array | None = None
-    """(3,), what the sensor reads, along the camera's axes."""
+    """(3,), the sensor's reading, along the camera's axes."""
     shaft_axis_in_camera: Array | None = None
     """(3,), unit, along the tool's shaft from the trocar to the tip."""
     scope_trocar_in_camera: Array | None = None
     """(3,), where the scope's own shaft passes the wall."""
     world_from_camera: Array | None = None
-    """4x4, the camera's pose now, from the camera arm's kinematics; `depth` holds the one at its capture."""
+    """4x4, the camera's pose now, from the camera arm's kinematics; `depth` holds its pose at capture."""
     lead_ns: int = 0
-    """From a command to the motion it makes: delay and lag of the arm, across which a predictor looks ahead."""
+    """Delay and lag of the arm from a command to its motion; predictors look ahead across it."""
     path_pixels: Array | None = None
-    """(n, 2), a line drawn in the first frame, for the task that follows one."""
+    """(n, 2), the line drawn in the first frame, for the task that follows one."""
     marker_pixel: Array | None = None
-    """(2,), where a marker painted on the target was seen in the frame of `depth`; None where it was not, or there is none."""
+    """(2,), where the marker painted on the target appears in the frame of `depth`; None if it does not, or there is none."""
     working_distance_m: float = 0.085
-    """At which the camera should keep its target, for the task that moves the camera."""
+    """Distance at which the camera should keep its target, for the task that moves the camera."""
 
 
+@runtime_checkable
 class TipController(Protocol):
-    """Anything that turns what is known into a desired velocity of a tip."""
+    """Turns what is known at a control tick into a desired velocity of a tip."""
 
     def reset(self) -> None:
         """Forget everything; a new episode begins."""

@@ -3,14 +3,13 @@
 import time
 from collections import Counter
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from laploop.assets.phantom_import.phantom_mesh import load_phantom
 from laploop.control.controllers.registry import make_controller
 from laploop.control.messages import TipController
-from laploop.control.targeting.targeting import PredictionName
 from laploop.envs.episode_config import OWN, EpisodeConfig
 from laploop.envs.recording.recorder import Recorder
 from laploop.envs.tasks.actions import checked_command
@@ -52,9 +51,14 @@ def run_episode(
     estimator = estimator or make_estimator(config.perception.name, rig, config.perception.weights, config.perception.arguments)
     env = spec.environment_class(config.task, perception=estimator, recorder=recorder)
     try:
-        prediction = cast("PredictionName | None", None if config.predictor.name == OWN else config.predictor.name)
-        name = spec.controller if config.controller.name == OWN else config.controller.name
-        controller = controller or make_controller(name, rig, prediction)
+        if controller is None:
+            controller = make_controller(
+                spec.controller if config.controller.name == OWN else config.controller.name,
+                rig,
+                prediction=None if config.predictor.name == OWN else config.predictor.name,
+                prediction_arguments=config.predictor.arguments,
+                arguments=config.controller.arguments,
+            )
         controller.reset()
         _, info = env.reset(seed=config.seed)
         infos: list[dict[str, Any]] = []

@@ -9,7 +9,8 @@ from pydantic import JsonValue, PlainValidator, SerializeAsAny
 from pydantic_core import PydanticCustomError
 
 from laploop.configuration import Field, configuration, from_plain
-from laploop.control.targeting.targeting import PredictionName
+from laploop.control.controllers.registry import CONTROLLERS
+from laploop.control.prediction.registry import PREDICTORS
 from laploop.envs.loop.latency import ConstantLatency, TraceLatency
 from laploop.envs.sensors.optics.presets import optics_preset
 from laploop.envs.tasks.registry import TASKS, default_config, task_spec
@@ -17,7 +18,7 @@ from laploop.envs.tasks.task_config import TaskConfig
 from laploop.envs.theatre.actuation import ActuationConfig, ActuationName
 from laploop.envs.theatre.organ_motion import BaseMotion, MotionName
 from laploop.envs.theatre.trocar import TrocarConfig, TrocarName
-from laploop.errors import InvalidValueError, UnknownNameError
+from laploop.errors import InvalidValueError
 from laploop.perception.estimators.registry import ESTIMATORS
 
 OWN = "own"
@@ -53,7 +54,16 @@ class ControllerConfig:
     name: str = OWN
     """own (the task's scripted controller), the name of another, or module:Class."""
     arguments: dict[str, JsonValue] = Field(default_factory=dict)
-    """Further arguments of the controller, by name."""
+    """Further arguments of the controller, by name; of a scripted one, fields of its configuration."""
+
+    def __post_init__(self) -> None:
+        """Check the name.
+
+        Raises:
+            UnknownNameError: If there is no such controller.
+        """
+        if self.name != OWN:
+            CONTROLLERS.check(self.name)
 
 
 @configuration
@@ -71,9 +81,12 @@ class PredictorConfig:
 
         Raises:
             UnknownNameError: If there is no such predictor.
+            InvalidValueError: If there are arguments and no name.
         """
-        if self.name != OWN and ":" not in self.name and self.name not in get_args(PredictionName):
-            raise UnknownNameError("prediction", self.name, get_args(PredictionName))
+        if self.name != OWN:
+            PREDICTORS.check(self.name)
+        elif self.arguments:
+            raise InvalidValueError("arguments", self.arguments, "none with the controller's own predictor; name one")
 
 
 def _task(value: object) -> TaskConfig:

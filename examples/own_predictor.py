@@ -10,7 +10,7 @@ from collections import deque
 import numpy as np
 
 from laploop.assets import ScopeOptics
-from laploop.control import HeldMeasurement, Prediction, TrackController
+from laploop.control import Prediction, make_controller
 from laploop.envs import EpisodeConfig, run_episode
 from laploop.perception import Rig
 
@@ -32,7 +32,7 @@ class Parabola:
         self.seen.clear()
 
     def update(self, measured, captured_ns):
-        """Take in a displacement, None if nothing was measured; say whether it is believed."""
+        """Take in a displacement, None if nothing was measured; return whether it is accepted."""
         if measured is not None:
             self.seen.append((captured_ns, measured))
         return measured is not None
@@ -40,7 +40,8 @@ class Parabola:
     def predict(self, at_ns):
         """Return the displacement and its velocity at a time."""
         if len(self.seen) < self.seen.maxlen:
-            return HeldMeasurement().predict(at_ns)
+            # Until it is trusted, the tissue is taken to go on at the rate measured last.
+            return Prediction(value=0.0, velocity=0.0, trusted=False)
         times = np.array([captured_ns - at_ns for captured_ns, _ in self.seen]) * 1e-9
         _, velocity, value = np.polyfit(times, [measured for _, measured in self.seen], 2)
         return Prediction(value=float(value), velocity=float(velocity), sigma=0.0005, trusted=True)
@@ -48,8 +49,8 @@ class Parabola:
 
 rig = Rig.from_optics(ScopeOptics())
 config = EpisodeConfig.of(task="track", perception="phase", motion=options.motion, seed=1, seconds=options.steps * 0.008 + 0.1)
-for name, predictor in (("parabola", Parabola()), ("rhythms", None)):
-    summary = run_episode(config, controller=TrackController(rig, predictor=predictor))
+for name, predictor in (("parabola", Parabola()), ("rhythms", "rhythms")):
+    summary = run_episode(config, controller=make_controller("track", rig, prediction=predictor))
     # Tracking is judged from 10 s on, when the rhythms have been learnt.
     rms = summary["metrics"]["normal_rms_mm"]
     print(f"{name:9s} error along the normal:", "not judged, too short" if rms is None else f"{rms:.3f} mm root mean square")

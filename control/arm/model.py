@@ -124,10 +124,6 @@ class ArmModel:
         pose = self.world_from_shaft(q)
         return pose[:3, :3].T @ (np.asarray(trocar_in_world, dtype=np.float64) - pose[:3, 3])
 
-    def gravity_torque(self, q: ArrayLike) -> Array:
-        """Return the joint torques in N m, (6,), that hold the bare arm (without its shaft) against gravity."""
-        return np.array(pin.computeGeneralizedGravity(self._model, self._data, self._checked(q)))
-
     def _checked(self, q: ArrayLike) -> Array:
         return checked_vector("joint angles", q, self.dof)
 

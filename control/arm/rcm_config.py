@@ -47,7 +47,7 @@ class RcmControllerConfig:
     posture_cost_per_rad: Annotated[float, Field(gt=0.0, le=1e3)] = 1e-2
     """Weight of the pull to the posture of `reset`; far below the tip's, it acts on the roll about the shaft only."""
     posture_gain: Annotated[float, Field(gt=0.0, le=1.0)] = 0.01
-    """Fraction of the posture's error that one step asks for."""
+    """Fraction of the posture's error that one step takes out."""
 
     def __post_init__(self) -> None:
         """Check fields against each other.

@@ -25,9 +25,6 @@ from laploop.errors import InfeasibleError, InvalidValueError
 
 Array = NDArray[np.float64]
 
-_AT_REST_RADPS = 1e-4
-"""Slower than this, all that goes on is the roll's return to its posture."""
-
 _PRIMAL_TOLERANCE = 1e-9
 """Of the solver, in radians and metres a step; its own, 1e-6, is a tenth of a slow step."""
 
@@ -227,13 +224,6 @@ class RcmController:
             self._status = RcmStatus.HELD
             self._reason = "no step keeps the trocar and all limits at once"
         return start, self._qdot.copy()
-
-    def hold(self, dt: float) -> tuple[Array, Array]:
-        """Brake, and once at rest stand still without solving anything."""
-        if self._started and not self._tip_velocity.any() and float(np.abs(self._qdot).max()) < _AT_REST_RADPS:
-            self._qdot = np.zeros(self._arm.dof)
-            return self.q.copy(), self._qdot.copy()
-        return self.step(np.zeros(3), dt)
 
     def problem(self, tip_reference_in_world: ArrayLike, dt: float) -> qpsolvers.Problem:
         """Return the quadratic program of a step that brings the tip to a point, (3,), in dt seconds."""

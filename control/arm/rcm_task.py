@@ -1,4 +1,4 @@
-"""What a trocar asks of an arm, as tasks and limits of Pink.
+"""The trocar and the tip as tasks and limits of Pink.
 
 With `p = R^T (t - x)` the trocar t seen in the shaft's frame (rotation R, origin x, z along the shaft to its tip), the shaft
 passes through the trocar when `p_x = p_y = 0`, and `-p_z` of it is inserted. The trocar rests in the world, so with the

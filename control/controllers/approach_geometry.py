@@ -1,41 +1,30 @@
 """Where a tool goes on its way to a target: the points and directions of one tick, in the camera's frame."""
 
-import math
-from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.shafts import INSTRUMENT, Shaft
+from laploop.configuration import Field, configuration
 from laploop.control.messages import ControlInput
 from laploop.control.targeting.targeting import Target
-from laploop.control.vectors import length
-from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class ApproachDistances:
     """Distances on the way to a target."""
 
-    shaft: Shaft = field(default=INSTRUMENT)
-    standoff_m: float = 0.008
-    """From the target, along the way down to it."""
-    clearance_m: float = 0.006
-    """Between the tip's path and the highest tissue in view, before the descent."""
-    max_climb_m: float = 0.035
-    """Highest that the path passes above the target, whatever seems to be in view."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a distance is not finite and above 0.
-        """
-        for name in ("standoff_m", "clearance_m", "max_climb_m"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise InvalidValueError(name, getattr(self, name), "finite and above 0")
+    shaft: Shaft = INSTRUMENT
+    """The instrument."""
+    standoff_m: Annotated[float, Field(gt=0.0, le=0.1)] = 0.008
+    """Distance from the target, along the way down to it, at which the approach ends."""
+    clearance_m: Annotated[float, Field(gt=0.0, le=0.1)] = 0.006
+    """Clearance between the tip's path and the highest tissue in view, before the descent."""
+    max_climb_m: Annotated[float, Field(gt=0.0, le=0.5)] = 0.035
+    """Greatest height of the path above the target, whatever seems to be in view."""
 
 
 class ApproachGeometry:
@@ -66,7 +55,7 @@ class ApproachGeometry:
         """Velocity of the surface."""
         self.age_s = target.age_ns(state.now_ns) * 1e-9
         self.lead_ns = state.lead_ns
-        self.ray = target.point / length(target.point)
+        self.ray = unit(target.point)
         self.goal = target.point + shift * self.ray + radius * target.normal
         """Where the tip touches."""
         self.shaft = unit(state.trocar_in_camera - self.goal)
@@ -83,4 +72,4 @@ class ApproachGeometry:
 
 def unit(vector: Array) -> Array:
     """Return a vector of length 1."""
-    return vector / max(length(vector), 1e-12)
+    return vector / max(float(np.linalg.norm(vector)), 1e-12)

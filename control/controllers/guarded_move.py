@@ -1,42 +1,30 @@
 """The last millimetres: down until something is felt, and what that says about where the surface really is."""
 
-import math
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.configuration import Field, configuration
 from laploop.control.controllers.approach_geometry import ApproachGeometry
 from laploop.control.controllers.tip_motion import TipMotion
 from laploop.control.messages import ControlInput
-from laploop.control.vectors import length
-from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class GuardedMoveConfig:
     """How contact is looked for, and what a felt surface corrects."""
 
-    approach_speed_mps: float = 0.010
-    """Relative to the tissue, from the stand-off on."""
-    early_contact_m: float = 0.005
-    """A touch farther than this before the estimated surface is an obstacle, not the target."""
-    search_m: float = 0.003
-    """How far beyond the estimated surface contact is looked for."""
-    contact_slack_m: float = 0.00025
+    approach_speed_mps: Annotated[float, Field(gt=0.0, le=0.2)] = 0.010
+    """Speed relative to the tissue, from the stand-off on."""
+    early_contact_m: Annotated[float, Field(gt=0.0, le=0.1)] = 0.005
+    """Distance before the estimated surface beyond which a touch is one of an obstacle, not the target."""
+    search_m: Annotated[float, Field(gt=0.0, le=0.1)] = 0.003
+    """Distance beyond the estimated surface over which contact is looked for."""
+    contact_slack_m: Annotated[float, Field(gt=0.0, le=0.01)] = 0.00025
     """How far soft tissue gives under a light touch; a felt surface that differs less from the seen one corrects nothing."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a number is not finite and above 0.
-        """
-        for name, value in vars(self).items():
-            if not 0.0 < value < math.inf:
-                raise InvalidValueError(name, value, "finite and above 0")
 
 
 class GuardedMove:
@@ -69,7 +57,7 @@ class GuardedMove:
         reference = geometry.goal + self.height * geometry.axis
         way = reference - state.tip_in_camera
         back = self._motion.back(way, lead_ns=state.lead_ns)
-        if length(way) > 0.002:
+        if np.linalg.norm(way) > 0.002:
             return back
         if self.height > 0.0:
             self.height = max(self.height - step, 0.0)
@@ -81,11 +69,11 @@ class GuardedMove:
             ahead = np.zeros(3)
         return config.approach_speed_mps * ahead + back
 
-    def feel(self, state: ControlInput, geometry: ApproachGeometry, *, share: float) -> None:
-        """Shift the seen surface along its viewing ray, by a share of what separates it from the felt one."""
+    def feel(self, state: ControlInput, geometry: ApproachGeometry, *, fraction: float) -> None:
+        """Shift the seen surface along its viewing ray, by a fraction of what separates it from the felt one."""
         limit, slack = self._config.early_contact_m, self._config.contact_slack_m
         # The seen surface moves against the normal when it moves along the ray.
         gap = float((state.tip_in_camera - geometry.goal) @ geometry.normal)
         gap -= min(max(gap, -slack), slack)
         felt_shift = gap / min(float(geometry.ray @ geometry.normal), -0.3)
-        self.shift = min(max(self.shift + share * felt_shift, -limit), limit)
+        self.shift = min(max(self.shift + fraction * felt_shift, -limit), limit)

@@ -1,44 +1,58 @@
-"""The scripted controllers by the name of their task."""
+"""Controllers by name; the scripted ones have the name of their task."""
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from laploop.control.controllers.look import LookController, LookControllerConfig
-from laploop.control.controllers.palpate import PalpateController, PalpateControllerConfig
-from laploop.control.controllers.reach import ReachController, ReachControllerConfig
-from laploop.control.controllers.scan import ScanController, ScanControllerConfig
-from laploop.control.controllers.track import TrackController, TrackControllerConfig
 from laploop.control.messages import TipController
-from laploop.control.targeting.targeting import PredictionName
-from laploop.errors import UnknownNameError
+from laploop.control.prediction.motion_predictor import MotionPredictor
+from laploop.control.prediction.registry import make_predictor
+from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Rig
+from laploop.registry import Registry
 
-_CONTROLLERS: dict[str, tuple[Callable[[Rig, Any], TipController], Callable[[], Any]]] = {
-    "reach": (ReachController, ReachControllerConfig),
-    "track": (TrackController, TrackControllerConfig),
-    "palpate": (PalpateController, PalpateControllerConfig),
-    "scan": (ScanController, ScanControllerConfig),
-    "look": (LookController, LookControllerConfig),
-}
-"""Controller and configuration."""
+_ROOM = "laploop.control.controllers"
+
+CONTROLLERS: Registry[Callable[..., TipController]] = Registry(
+    "controller",
+    "laploop.controllers",
+    {
+        "reach": f"{_ROOM}.reach:ReachController.of",
+        "track": f"{_ROOM}.track:TrackController.of",
+        "palpate": f"{_ROOM}.palpate:PalpateController.of",
+        "scan": f"{_ROOM}.scan:ScanController.of",
+        "look": f"{_ROOM}.look:LookController.of",
+    },
+)
+"""An entry is called with the rig and the user's arguments by name, and with `predictor` if a prediction is given."""
 
 
-def make_controller(task: str, rig: Rig, prediction: PredictionName | None = None) -> TipController:
-    """Make the scripted controller of a task for a camera.
+def make_controller(
+    name: str,
+    rig: Rig,
+    *,
+    prediction: str | MotionPredictor | None = None,
+    prediction_arguments: Mapping[str, Any] | None = None,
+    arguments: Mapping[str, Any] | None = None,
+) -> TipController:
+    """Make a controller for a camera.
 
     Args:
-        task: Its name.
+        name: A registered name, or `module:Class` of a class that is called with the rig.
         rig: The camera and its projector.
-        prediction: How the age of the depth is bridged; None leaves it to the controller.
+        prediction: How the age of the depth is bridged, by name or as an object; None leaves it to the controller.
+        prediction_arguments: What the named predictor takes, by name.
+        arguments: What the controller takes, by name; for the scripted ones, the fields of their configuration.
 
     Raises:
-        UnknownNameError: If no task or prediction has that name.
+        UnknownNameError: If nobody registered a name.
+        InvalidValueError: If an object cannot be imported, does not take the arguments, or is not what it should be.
     """
-    if task not in _CONTROLLERS:
-        raise UnknownNameError("task", task, _CONTROLLERS)
-    controller, configuration = _CONTROLLERS[task]
-    config = configuration()
+    given = dict(arguments or {})
+    if isinstance(prediction, str):
+        prediction = make_predictor(prediction, prediction_arguments)
     if prediction is not None:
-        config = replace(config, targeting=replace(config.targeting, prediction=prediction))
-    return controller(rig, config)
+        given["predictor"] = prediction
+    made = CONTROLLERS.make(name, rig, **given)
+    if not isinstance(made, TipController):
+        raise InvalidValueError("controller", name, f"one with reset and command; it made a {type(made).__name__}")
+    return made

@@ -13,14 +13,14 @@ _SMOOTHING_M = 0.002
 """Standard deviation of the window along the path over which normals are averaged; less than the bends of bowel."""
 
 _EXPECTED_SPREAD_M = 1e-4
-"""Of points from a good fit: a place with a larger one says less than its neighbours."""
+"""Spread of points from a good fit; a place with a larger one counts less than its neighbours."""
 
 _END_M = 0.006
-"""Length of the end of the path whose direction says where it would go on."""
+"""Length of the end of the path whose direction continues it."""
 
 
 class ScanPath:
-    """Points and normals along a line on the surface, by arc length, in the camera's frame of the frame that showed them.
+    """Points and normals along a line on the surface, by arc length, in the frame of the camera that saw them.
 
     Each place is a robust fit of its own. Normals are averaged along the path, those of bad fits counting less: where depth
     is bent away from the surface, it is also rough.

@@ -1,46 +1,46 @@
 """An extended Kalman filter of a bias and the harmonics of rhythms whose frequencies drift."""
 
 import math
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.configuration import Field, configuration
 from laploop.control.prediction.harmonic_model import HarmonicModel, Outlook
-from laploop.errors import check_range
+from laploop.errors import InvalidValueError
 
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class HarmonicNoise:
-    """How restless the state is: standard deviations after one second of each random walk, and of the measurement."""
+    """Noise of the process and of the measurement: standard deviations after one second of each random walk."""
 
-    bias_m: float = 0.00005
-    frequency: float = 0.01
-    """Relative to the frequency."""
-    phase_rad: float = 0.02
-    """Of a rhythm's clock; it moves all its harmonics together."""
-    amplitude: float = 0.01
-    """Of every phasor, relative to the amplitude of its rhythm, and less for higher orders (1/k)."""
-    measurement_floor_m: float = 0.00004
-    """The measurement's noise is learnt between these bounds."""
-    measurement_ceiling_m: float = 0.0006
-    measurement_memory: int = 100
+    bias_m: Annotated[float, Field(ge=0.0, le=0.01)] = 0.00005
+    """Random walk of the bias."""
+    frequency: Annotated[float, Field(ge=0.0, le=1.0)] = 0.01
+    """Random walk of a frequency, relative to it."""
+    phase_rad: Annotated[float, Field(ge=0.0, le=1.0)] = 0.02
+    """Random walk of a rhythm's clock; it moves all its harmonics together."""
+    amplitude: Annotated[float, Field(ge=0.0, le=1.0)] = 0.01
+    """Random walk of every phasor, relative to the amplitude of its rhythm, and less for higher orders (1/k)."""
+    measurement_floor_m: Annotated[float, Field(ge=1e-6, le=0.005)] = 0.00004
+    """Least standard deviation of the measurement; it is learnt between the bounds."""
+    measurement_ceiling_m: Annotated[float, Field(ge=1e-6, le=0.01)] = 0.0006
+    """Greatest standard deviation of the measurement."""
+    measurement_memory: Annotated[int, Field(ge=2, le=100_000)] = 100
     """Number of measurements over which its variance is averaged."""
 
     def __post_init__(self) -> None:
-        """Check every field.
+        """Check fields against each other.
 
         Raises:
-            InvalidValueError: If a field lies outside its range.
+            InvalidValueError: If the measurement's bounds are not in order.
         """
-        check_range("bias_m", self.bias_m, 0.0, 0.01)
-        for name in ("frequency", "phase_rad", "amplitude"):
-            check_range(name, getattr(self, name), 0.0, 1.0)
-        check_range("measurement_floor_m", self.measurement_floor_m, 1e-6, 0.005)
-        check_range("measurement_ceiling_m", self.measurement_ceiling_m, self.measurement_floor_m, 0.01)
-        check_range("measurement_memory", self.measurement_memory, 2, 100_000)
+        if self.measurement_ceiling_m < self.measurement_floor_m:
+            allowed = f"at least measurement_floor_m ({self.measurement_floor_m})"
+            raise InvalidValueError("measurement_ceiling_m", self.measurement_ceiling_m, allowed)
 
 
 class HarmonicFilter:
@@ -64,7 +64,7 @@ class HarmonicFilter:
 
         Args:
             model: Layout of the state.
-            noise: Restlessness.
+            noise: Of process and measurement.
             time_ns: Time of the state.
             state: (size,).
             covariance: (size, size).
@@ -76,21 +76,11 @@ class HarmonicFilter:
         self.time_ns = time_ns
         self._state = state.copy()
         self._covariance = covariance.copy()
-        self._bounds = [
-            (place, low, high) for place, (low, high) in zip(model.rates.tolist(), bounds_rad_s.tolist(), strict=True)
-        ]
+        self._bounds = bounds_rad_s
         self._variance_range = (noise.measurement_floor_m**2, noise.measurement_ceiling_m**2)
         self._measured_variance = float(np.clip(measurement_sigma_m**2, *self._variance_range))
+        # What is measured now does not depend on the rates.
         self._observation = model.look_ahead(state, 0.0).gradient
-        # Variances a second by the squares of the state: those of the phasors by the power of their rhythm, and of the rates.
-        share = (noise.amplitude / model.order[:, None]) ** 2 * (model.rhythm[:, None] == model.rhythm)
-        self._restless = np.zeros((model.size, model.size))
-        for rows in (model.real, model.imaginary):
-            for columns in (model.real, model.imaginary):
-                self._restless[np.ix_(rows, columns)] = share
-        self._restless[model.rates, model.rates] = noise.frequency**2
-        # What the random walks add to an outlook, by the summed squares of all amplitudes.
-        self._wander = noise.phase_rad**2 + noise.amplitude**2
 
     @property
     def state(self) -> Array:
@@ -111,34 +101,28 @@ class HarmonicFilter:
         """Return what to expect at a time, and the standard deviation of that value without measurement noise."""
         seconds = (time_ns - self.time_ns) * 1e-9
         outlook = self.model.look_ahead(self._state, seconds)
-        gradient = outlook.gradient
-        variance = float(gradient @ (self._covariance @ gradient))
+        variance = float(outlook.gradient @ self._covariance @ outlook.gradient)
         # What the random walks add on the way, as if all phasors were seen in full.
-        wander = self._noise.bias_m**2 + self._wander * outlook.power
-        return outlook, math.sqrt(max(variance, 0.0) + abs(seconds) * wander)
+        noise, power = self._noise, float(self.model.powers(self._state).sum())
+        walk = noise.bias_m**2 + (noise.phase_rad**2 + noise.amplitude**2) * power
+        return outlook, math.sqrt(max(variance, 0.0) + abs(seconds) * walk)
 
     def value_at(self, time_ns: int) -> float:
         """Return the value to expect at a time."""
-        return self.model.value_ahead(self._state, (time_ns - self.time_ns) * 1e-9)
+        return self.model.look_ahead(self._state, (time_ns - self.time_ns) * 1e-9).value
 
     def advance(self, time_ns: int, *, process_noise_scale: float = 1.0) -> None:
         """Carry the state on to a later time; `process_noise_scale` multiplies the variances of all random walks."""
         seconds = (time_ns - self.time_ns) * 1e-9
-        model, noise = self.model, self._noise
-        self._state, transition = model.advance(self._state, seconds)
-        covariance = transition @ self._covariance @ transition.T
-        diagonal = self._restless @ (self._state * self._state)
-        diagonal[0] = noise.bias_m**2
-        directions = model.phase_directions(self._state)
-        covariance += (process_noise_scale * seconds * noise.phase_rad**2) * (directions.T @ directions)
-        covariance.reshape(-1)[:: model.size + 1] += process_noise_scale * seconds * diagonal
+        self._state, transition = self.model.advance(self._state, seconds)
+        covariance = transition @ self._covariance @ transition.T + process_noise_scale * seconds * self._process_noise()
         self._covariance = 0.5 * (covariance + covariance.T)
         self.time_ns = time_ns
 
     def innovation(self, measured: float) -> tuple[float, float]:
-        """Return what a measurement made now differs from the expected, and the variance of that, noise included."""
+        """Return the innovation of a measurement made now, and its variance, the measurement's noise included."""
         expected = float(self._observation @ self._state)
-        spread = float(self._observation @ (self._covariance @ self._observation))
+        spread = float(self._observation @ self._covariance @ self._observation)
         return measured - expected, spread + self._measured_variance
 
     def correct(self, measured: float) -> float:
@@ -146,11 +130,8 @@ class HarmonicFilter:
         innovation, variance = self.innovation(measured)
         gain = self._covariance @ self._observation / variance
         self._state += gain * innovation
-        self._covariance -= np.multiply.outer(variance * gain, gain)
-        for place, low, high in self._bounds:
-            rate = self._state[place]
-            if not low <= rate <= high:
-                self._state[place] = min(max(rate, low), high)
+        self._covariance -= variance * np.outer(gain, gain)
+        self._state[self.model.rates] = np.clip(self._state[self.model.rates], self._bounds[:, 0], self._bounds[:, 1])
         self._learn_noise(innovation, variance)
         return innovation**2 / variance
 
@@ -159,10 +140,21 @@ class HarmonicFilter:
         self._state[0] += step
         self._covariance[0, 0] += sigma**2
 
+    def _process_noise(self) -> Array:
+        """Return the variances that the random walks add in a second, (size, size)."""
+        model, noise, state = self.model, self._noise, self._state
+        phases = noise.phase_rad * model.phase_directions(state)
+        variances = np.zeros(model.size)
+        variances[0] = noise.bias_m**2
+        variances[model.rates] = (noise.frequency * state[model.rates]) ** 2
+        amplitudes = (noise.amplitude / model.order) ** 2 * model.powers(state)[model.rhythm]
+        variances[model.real] = variances[model.imaginary] = amplitudes
+        return np.asarray(phases.T @ phases + np.diag(variances))
+
     def _learn_noise(self, innovation: float, variance: float) -> None:
         """Average the part of the squared innovation that the state's own uncertainty does not explain."""
-        share = 1.0 / self._noise.measurement_memory
+        weight = 1.0 / self._noise.measurement_memory
         unexplained = innovation**2 - (variance - self._measured_variance)
         low, high = self._variance_range
-        learnt = (1.0 - share) * self._measured_variance + share * min(max(unexplained, 0.0), 9.0 * self._measured_variance)
+        learnt = (1.0 - weight) * self._measured_variance + weight * min(max(unexplained, 0.0), 9.0 * self._measured_variance)
         self._measured_variance = min(max(learnt, low), high)

@@ -30,16 +30,16 @@ class SurfacePatch:
 def fit_patch(points: Array, ray: Array, *, radius_m: float, min_spread_m: float = 5e-5) -> SurfacePatch:
     """Fit a quadric `z = q(x, y)` to points by iterated reweighting and meet it with a ray.
 
-    The first passes minimise absolute deviations, which up to a half of outliers cannot carry away far; the last ones weigh
-    with Tukey's biweight at the scale of the residuals' median, which then ignores outliers. Points count by a Gaussian of
-    their lateral distance from the ray, half at half the radius, so that the fit is good where it is used. With fewer than
-    12 points it is a plane.
+    The first passes minimise absolute deviations, which outliers (fewer than half) cannot carry far; the last ones weigh
+    with Tukey's biweight at the scale of the residuals' median, which ignores outliers. A Gaussian of their lateral distance
+    from the ray weighs the points, half at half the radius, so that the fit is good where it is used. With fewer than 12
+    points it is a plane.
 
     Args:
         points: (n, 3), the camera's frame, at least 6; outliers and gaps allowed.
         ray: (3,), the pixel's ray scaled to z = 1.
         radius_m: Size of the patch.
-        min_spread_m: Smallest scale that the biweight assumes.
+        min_spread_m: Least scale of the biweight.
 
     Raises:
         InvalidValueError: If there are too few points.

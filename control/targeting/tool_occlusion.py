@@ -1,52 +1,70 @@
 """Which points of the tissue the tool hides from the camera or keeps from the projector's light."""
 
-from dataclasses import dataclass
+from collections import deque
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.shafts import INSTRUMENT, Shaft
-from laploop.control.vectors import length
-from laploop.errors import InvalidValueError
+from laploop.configuration import Field, configuration
 
 Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+_HISTORY_TICKS = 128
+"""Remembered positions of the tool: one second at 125 Hz, more than the age of any frame worth using."""
 
-@dataclass(frozen=True, kw_only=True)
+
+@configuration
 class ToolOutline:
     """The instrument's silhouette as a capsule that tapers to its ball end."""
 
     shaft: Shaft = INSTRUMENT
-    neck_m: float = 0.010
-    """From the ball's centre, the length that is as thin as the ball."""
-    taper_m: float = 0.014
-    """After the neck, the length over which the radius grows to the shaft's."""
-    margin_m: float = 0.0012
+    """The instrument."""
+    neck_m: Annotated[float, Field(ge=0.0, le=0.5)] = 0.010
+    """Length, from the ball's centre, that is as thin as the ball."""
+    taper_m: Annotated[float, Field(gt=0.0, le=0.5)] = 0.014
+    """Length after the neck over which the radius grows to the shaft's."""
+    margin_m: Annotated[float, Field(ge=0.0, le=0.05)] = 0.0012
     """Added to the radius: the width of an estimator's transition from tool to tissue, about three pixels at 85 mm."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a length is negative, or the taper's not above 0.
-        """
-        for name in ("neck_m", "margin_m"):
-            if getattr(self, name) < 0.0:
-                raise InvalidValueError(name, getattr(self, name), "0 or more")
-        if not self.taper_m > 0.0:
-            raise InvalidValueError("taper_m", self.taper_m, "above 0")
 
     def radius(self, distance_from_tip: Array) -> Array:
         """Return the radius with its margin, (n,), at distances (n,) from the ball's centre along the shaft."""
         wide, thin = 0.5 * self.shaft.diameter_m, self.shaft.tip_radius_m
         slope = (wide - thin) / self.taper_m
-        radius: Array = slope * _clamp(distance_from_tip - self.neck_m, self.taper_m) + (thin + self.margin_m)
-        return radius
+        return np.asarray(slope * np.clip(distance_from_tip - self.neck_m, 0.0, self.taper_m) + (thin + self.margin_m))
+
+
+class ToolOcclusion:
+    """Remembers where the tool's tip was, and so what it hid in frames that arrive late."""
+
+    def __init__(self, outline: ToolOutline, eyes: Array) -> None:
+        """Take the tool's outline and the points to which tissue must be open, (k, 3): camera and projector."""
+        self._outline = outline
+        self._eyes = eyes
+        self._tips: deque[tuple[int, Array]] = deque(maxlen=_HISTORY_TICKS)
+
+    def reset(self) -> None:
+        """Forget where the tool was."""
+        self._tips.clear()
+
+    def add(self, now_ns: int, tip: Array) -> None:
+        """Take in where the tip is, (3,); ignored unless finite."""
+        if np.isfinite(tip).all():
+            self._tips.append((now_ns, tip))
+
+    def hidden(self, points: Array, captured_ns: int, trocar: Array) -> BoolArray:
+        """Return which points (n, 3) the tool hid at the time of a capture; none before its tip has been known."""
+        if not self._tips:
+            return np.zeros(len(points), dtype=bool)
+        # The newest position that is not later, else the oldest that is known.
+        before = (tip for time_ns, tip in reversed(self._tips) if time_ns <= captured_ns)
+        return hidden_by_tool(points, next(before, self._tips[0][1]), trocar, self._eyes, self._outline)
 
 
 def hidden_by_tool(points: Array, tip: Array, trocar: Array, eyes: Array, outline: ToolOutline) -> BoolArray:
-    """Say for which points the tool comes close to the line of sight from any of the eyes.
+    """Return for which points the tool comes close to the line of sight from any of the eyes.
 
     For each pair of a line of sight `e + s (p - e)` and the tool's axis `tip + t (trocar - tip)`, both with parameters from
     0 to 1, the nearest pair of points is found in closed form; the sight is blocked where their distance is less than the
@@ -62,26 +80,16 @@ def hidden_by_tool(points: Array, tip: Array, trocar: Array, eyes: Array, outlin
     Returns:
         (n,), True where at least one line of sight is blocked. All points are given in one frame.
     """
-    axis = trocar - tip
-    reach = length(axis)
-    axis /= reach
-    start = eyes - tip
-    sight = points.T - eyes[:, :, None]
+    reach = float(np.linalg.norm(trocar - tip))
+    axis = (trocar - tip) / reach
+    start = (eyes - tip)[:, None]
+    sight = points - eyes[:, None]
     # With the axis scaled to length 1, t is a length along it; a, b, c and f are the products that the distance is made of.
-    a = np.add.reduce(sight * sight, axis=1)
-    b = axis @ sight
-    c = (start[:, None] @ sight)[:, 0]
-    f = (start @ axis)[:, None]
+    a, b = (sight * sight).sum(axis=-1), sight @ axis
+    c, f = (start * sight).sum(axis=-1), start @ axis
     # Ericson, Real-Time Collision Detection, 5.1.9: the unclamped optimum first, then each parameter given the other.
-    s = _clamp((b * f - c) / np.maximum(a - b * b, 1e-15 * a), 1.0)
-    t = _clamp(b * s + f, reach)
-    s = _clamp((b * t - c) / a, 1.0)
-    apart = s * (s * a + 2.0 * (c - b * t)) + t * (t - 2.0 * f) + np.add.reduce(start * start, axis=1)[:, None]
-    radius = outline.radius(t)
-    return np.asarray(np.logical_or.reduce(apart < radius * radius))
-
-
-def _clamp(values: Array, highest: float) -> Array:
-    """Bring values to the range from 0 to a number, in place: numpy's own function takes longer for so few."""
-    np.maximum(values, 0.0, out=values)
-    return np.minimum(values, highest, out=values)
+    s = np.clip((b * f - c) / np.maximum(a - b * b, 1e-15 * a), 0.0, 1.0)
+    t = np.clip(b * s + f, 0.0, reach)
+    s = np.clip((b * t - c) / a, 0.0, 1.0)
+    apart = np.linalg.norm(start + s[..., None] * sight - t[..., None] * axis, axis=-1)
+    return np.asarray((apart < outline.radius(t)).any(axis=0))

@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import Generic, TypeVar, cast
+from inspect import signature
+from typing import Any, Generic, TypeVar, cast
 
 from laploop.errors import InvalidValueError, UnknownNameError
 
@@ -53,7 +54,7 @@ class Registry(Generic[T]):
         Raises:
             UnknownNameError: If it is neither.
         """
-        if not _is_path(name) and name not in self.names():
+        if not _is_path(name) and name not in self._entries and name not in self._installed():
             raise UnknownNameError(self.kind, name, self.names())
 
     def get(self, name: str) -> T:
@@ -70,6 +71,29 @@ class Registry(Generic[T]):
         if isinstance(entry, str) or entry is None:
             return self._imported(name, entry or name)
         return entry
+
+    def make(self, name: str, *given: Any, **arguments: Any) -> Any:
+        """Call the entry of a name.
+
+        Args:
+            name: A registered name, or `module:attribute`.
+            given: What every entry of this registry is called with.
+            arguments: The user's own, by name.
+
+        Raises:
+            UnknownNameError: If nothing has that name.
+            InvalidValueError: If what it points at cannot be imported, cannot be called, or does not take the arguments.
+        """
+        entry = self.get(name)
+        if not callable(entry):
+            raise InvalidValueError(self.kind, name, f"a class or a function, not a {type(entry).__name__}")
+        taken = signature(entry)
+        try:
+            taken.bind(*given, **arguments)
+        except TypeError as error:
+            allowed = f"those of {name}{taken} ({error})"
+            raise InvalidValueError(f"arguments of {self.kind} {name}", arguments, allowed) from None
+        return entry(*given, **arguments)
 
     def _installed(self) -> dict[str, EntryPoint]:
         return {point.name: point for point in entry_points(group=self.group)}

@@ -12,7 +12,8 @@ from laploop.control.arm.model import ArmModel
 from laploop.control.arm.rcm_controller import RcmController
 from laploop.control.controllers.track import TrackController
 from laploop.control.messages import ControlInput
-from laploop.control.prediction.motion_predictor import Prediction, RhythmPredictor
+from laploop.control.prediction.motion_predictor import Prediction
+from laploop.control.prediction.rhythm_predictor import RhythmPredictor
 from laploop.envs.loop.config import LoopConfig
 from laploop.envs.tasks.configs import TrackConfig
 from laploop.envs.tasks.task_env import TaskEnv
@@ -107,8 +108,10 @@ class _TimedPredictor:
     def predict(self, at_ns: int) -> Prediction:
         return self._took(time.perf_counter(), self._predictor.predict(at_ns))
 
-    def work(self) -> bool:
-        return self._took(time.perf_counter(), self._predictor.work())
+    def work(self) -> None:
+        began = time.perf_counter()
+        self._predictor.work()
+        self.spent_s += time.perf_counter() - began
 
     def _took(self, began: float, result: Result) -> Result:
         self.spent_s += time.perf_counter() - began

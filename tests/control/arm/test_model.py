@@ -49,20 +49,7 @@ def test_tip_jacobian_matches_finite_differences(tool):
             np.testing.assert_allclose(jacobian[:, joint], [*linear, *angular], atol=1e-8)
 
 
-def test_gravity_torque_is_the_gradient_of_the_potential_energy(tool):
-    data = tool.model.model.createData()
-    step = 1e-6
-    for q in postures(3):
-        energy = [
-            pin.computePotentialEnergy(tool.model.model, data, q + sign * step * np.eye(6)[joint])
-            for joint in range(6)
-            for sign in (1.0, -1.0)
-        ]
-        gradient = (np.array(energy[::2]) - np.array(energy[1::2])) / (2.0 * step)
-        np.testing.assert_allclose(tool.model.gravity_torque(q), gradient, atol=1e-6)  # N m, rounding of about 100 J
-
-
-def test_trocar_in_shaft_tells_offset_and_inserted_length(tool):
+def test_trocar_in_shaft_is_offset_and_inserted_length(tool):
     point = tool.model.trocar_in_shaft(tool.home_q, tool.trocar_in_world)
     np.testing.assert_allclose(point, [0.0, 0.0, -0.23], atol=1e-9)  # metres, tolerance of the start posture
 

@@ -1,4 +1,4 @@
-"""The step is a problem of Pink's: it can be inspected, and a user's tasks, limits and barriers join it."""
+"""A step is Pink's quadratic program: it can be inspected, and a user's tasks, limits and barriers join it."""
 
 import numpy as np
 import pytest

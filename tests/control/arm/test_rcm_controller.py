@@ -141,23 +141,6 @@ def test_contradicting_accelerations_brake_the_tip(tool, controller):
     assert controller.rcm_error_m < 1e-5  # metres: the trocar goes first
 
 
-def test_hold_brakes_and_then_stands_still(tool, controller):
-    for _ in range(12):
-        controller.step([0.0, 0.05, 0.0], DT)
-    for _ in range(60):
-        q, qdot = controller.hold(DT)
-    np.testing.assert_array_equal(qdot, np.zeros(6))
-    np.testing.assert_array_equal(q, controller.q)
-    still, _ = controller.hold(DT)
-    np.testing.assert_array_equal(still, q)
-
-
-def test_hold_from_the_start_does_not_move(tool, controller):
-    q, qdot = controller.hold(DT)
-    np.testing.assert_array_equal(q, tool.home_q)
-    np.testing.assert_array_equal(qdot, np.zeros(6))
-
-
 def test_start_off_the_trocar_is_walked_back(tool):
     sideways = tool.world_from_shaft[:3, :3] @ np.array([0.0005, 0.0, 0.0])
     controller = RcmController(tool.model, tool.trocar_in_world + sideways, RcmControllerConfig())

@@ -32,7 +32,7 @@ def test_perception_that_stops_sends_the_tool_back_to_a_standoff(controller, pla
     plant.spoil = lambda time_s, depth, valid: None if time_s >= stops_s else (depth, valid)
     log = plant.run(controller, 9.0)
     assert max(log.forces) < MOST_N
-    assert log.phases[-1] in {"back-off", "descend", "travel"}
+    assert log.phases[-1] == "back-off"
     last = np.array(log.commands[-60:])
     assert np.linalg.norm(last, axis=1).max() < 1e-3  # m/s: it waits
 
@@ -54,7 +54,7 @@ def test_depth_that_jumps_for_one_frame_is_rejected(controller, plant, jump_m):
     plant.spoil = spoil
     controller.reset()
     log = plant.run(controller, 6.0)
-    # A frame that is not believed counts as one that never came: still tissue does not show the difference.
+    # A rejected frame counts as one that never came: on still tissue that makes no difference.
     np.testing.assert_allclose(log.tips, clean.tips, atol=1e-5)  # metres
 
 
@@ -128,10 +128,9 @@ def test_tissue_out_of_reach_leaves_the_tool_at_the_arms_limit(controller, plant
     plant.limit = lambda velocity, tip: np.where(tip[2] + 0.008 * velocity[2] > 0.08, 0.0, velocity)
     log = plant.run(controller, 9.0)
     assert max(log.forces) == 0.0
-    assert not works(log.phases[-1])
-    if not isinstance(controller, ReachController):
-        assert log.phases[-1] == "unreachable"
-        np.testing.assert_array_equal(log.commands[-1], np.zeros(3))
+    assert log.tips[-1][2] <= 0.0805  # metres
+    assert log.phases[-1] == "unreachable"
+    np.testing.assert_array_equal(log.commands[-1], np.zeros(3))
 
 
 @pytest.mark.parametrize("wrong", [np.nan, np.inf, 60.0])

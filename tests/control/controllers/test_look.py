@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from laploop.control.controllers.look import LookController, LookControllerConfig, LookPhase
+from laploop.control.controllers.look import LookController, LookControllerConfig, _tip_velocity
+from laploop.control.controllers.phase import Phase
 from laploop.control.messages import ControlInput
 from laploop.control.targeting.targeting import TargetingConfig
 from laploop.errors import InvalidValueError
@@ -91,19 +92,20 @@ def run(
 
 
 def off_centre(rig, points):
-    """Return the distance from the image's centre as a share of its width."""
+    """Return the distance from the image's centre as a fraction of its width."""
     pixels = rig.camera.project(points)
     return np.linalg.norm(pixels - [rig.camera.cx, rig.camera.cy], axis=1) / rig.camera.width
 
 
 def test_motion_of_a_resting_point_is_that_of_the_interaction_matrix(rig):
-    controller, scope = LookController(rig), Scope(rig)
+    scope = Scope(rig)
     scope.tip = scope.tip + [0.02, -0.01, 0.005]
     point = np.array([0.01, 0.02, 0.1])
     wanted = np.array([0.004, -0.003, 0.002])
     pose = scope.world_from_camera()
     in_camera = transform_points(invert_transform(pose), point)
-    velocity = controller._tip_velocity(wanted, in_camera, float(np.linalg.norm(scope.tip - TROCAR)))
+    way = in_camera - [0.5 * rig.baseline_m, 0.0, 0.0]
+    velocity = _tip_velocity(wanted, way, float(np.linalg.norm(scope.tip - TROCAR)))
     small = 1e-4  # seconds
     scope.tip = scope.tip + small * pose[:3, :3] @ velocity
     after = transform_points(invert_transform(scope.world_from_camera()), point)
@@ -138,12 +140,12 @@ def test_without_a_marker_motion_along_the_first_view_is_followed(rig, breathing
 def test_camera_stands_still_while_the_target_is_out_of_sight(rig):
     controller = LookController(rig)
     points, _ = run(rig, controller, 4.0, hide_s=0.5)
-    assert controller.phase is LookPhase.LOST
+    assert controller.phase is Phase.LOST
     np.testing.assert_array_equal(points[-1], points[-100])
 
 
-def test_camera_keeps_room_to_the_tissue(rig):
-    controller = LookController(rig, LookControllerConfig(least_room_m=0.09))
+def test_camera_keeps_its_distance_from_the_tissue(rig):
+    controller = LookController(rig, LookControllerConfig(min_clearance_m=0.09))
     points, _ = run(rig, controller, 4.0)
     assert points[:, 2].min() > 0.0895  # metres, though it should come to 0.085
 

@@ -79,7 +79,13 @@ def test_sensor_that_fades_while_pressing_meets_the_deepest_indentation(rig, mak
     assert -min(log.gaps) < 0.0125  # metres
 
 
-@pytest.mark.parametrize(("options", "name"), [({"force_n": 1.5}, "rising order"), ({"band_n": np.nan}, "band_n")])
+@pytest.mark.parametrize(
+    ("options", "name"),
+    [
+        ({"force_n": 1.5}, r"force_n is 1\.5; allowed: contact_force_n"),
+        ({"band_n": np.nan}, "band_n"),
+    ],
+)
 def test_bad_configuration_is_named(options, name):
     with pytest.raises(InvalidValueError, match=name):
         PalpateControllerConfig(**options)

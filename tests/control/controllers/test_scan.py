@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from laploop.assets.shafts import INSTRUMENT
-from laploop.control.controllers.scan import ScanController, ScanControllerConfig, ScanPhase
+from laploop.control.controllers.phase import Phase
+from laploop.control.controllers.scan import ScanController, ScanControllerConfig
 from laploop.control.controllers.scan_path import ScanPath
 from laploop.control.targeting.surface_patch import SurfacePatch
 from laploop.errors import InvalidValueError
@@ -39,7 +40,7 @@ def test_still_tissue_is_scanned_to_the_end(rig, plant):
     assert off.min(axis=0)[1:-1].max() < 1.5
     beyond = off.argmin(axis=1) == len(off[0]) - 1
     assert off.min(axis=1)[~beyond].max() < 3.0
-    # It goes on beyond the end, by a length that is told, on the surface: a tenth of it for the last control periods.
+    # It goes on beyond the end by `overrun_m`, on the surface; a tenth of that is for the last control periods.
     end = rig.camera.unproject(plant.path[-1], 1.0)
     end *= (plant.normal @ feet[-1]) / (plant.normal @ end)
     np.testing.assert_allclose(np.linalg.norm(feet[-1] - end), ScanControllerConfig().overrun_m, rtol=0.1)
@@ -90,7 +91,7 @@ def test_path_that_is_not_shown_is_waited_for(rig, plant):
     plant.spoil = spoil
     log = plant.run(ScanController(rig), 13.0)
     assert set(log.since(0.0, log.phases)[: round(1.0 * 125)]) == {"wait"}
-    assert log.phases[-1] == ScanPhase.DONE
+    assert log.phases[-1] == Phase.DONE
 
 
 def test_reset_repeats_to_the_bit(rig, plant):
@@ -114,7 +115,7 @@ def test_missing_or_bad_path_is_named(rig, plant, path):
         ({"waiting_error_m": 0.0001}, "waiting_error_m"),
         ({"overrun_m": 0.0}, "overrun_m"),
         ({"standoff_m": 0.02}, "standoff_m"),
-        ({"min_seen_share": 2.0}, "share"),
+        ({"min_seen_fraction": 2.0}, "min_seen_fraction"),
     ],
 )
 def test_bad_configuration_is_named(options, name):

@@ -3,7 +3,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from laploop.control.controllers.tip_motion import Leg, TipMotion, steady_admittance, steady_gain
+from laploop.control.controllers.phase import Phase
+from laploop.control.controllers.tip_motion import TipMotion, steady_gain
 from laploop.errors import InvalidValueError
 
 MOTION = TipMotion()
@@ -37,21 +38,18 @@ def test_late_loop_neither_rings_nor_overshoots(lead_ns):
     assert abs(errors[-1]) < 1e-3
 
 
-def test_prompt_loop_keeps_its_gains():
+def test_prompt_loop_keeps_its_gain():
     assert steady_gain(8.0, 0) == 8.0
-    assert steady_admittance(0.08, 0) == 0.08
     assert steady_gain(8.0, 1_000_000) == 8.0
-    # 0.4 / (0.1 s 300 N/m): just as steady on the stiffest tissue of the phantom.
-    assert steady_admittance(0.08, 100_000_000) == pytest.approx(0.4 / 30.0)
 
 
 def test_legs_follow_each_other_and_several_may_be_over_at_once():
     spot = np.array([0.0, 0.0, 0.08])
     geometry = SimpleNamespace(safe_depth=0.09, above=spot, standoff=spot)
-    assert MOTION.leg_after(Leg.RISE, spot, geometry, in_sight=True) is Leg.ARRIVED
-    assert MOTION.leg_after(Leg.RISE, spot, geometry, in_sight=False) is Leg.DESCEND
-    assert MOTION.leg_after(Leg.RISE, spot + [0.02, 0.0, 0.0], geometry, in_sight=True) is Leg.TRAVEL
-    assert MOTION.leg_after(Leg.RISE, spot + [0.0, 0.0, 0.02], geometry, in_sight=True) is Leg.RISE
+    assert MOTION.leg_after(Phase.RISE, spot, geometry) is Phase.READY
+    assert MOTION.leg_after(Phase.RISE, spot + [0.0025, 0.0, 0.0], geometry) is Phase.DESCEND
+    assert MOTION.leg_after(Phase.RISE, spot + [0.02, 0.0, 0.0], geometry) is Phase.TRAVEL
+    assert MOTION.leg_after(Phase.RISE, spot + [0.0, 0.0, 0.02], geometry) is Phase.RISE
 
 
 def test_bad_speed_is_named():

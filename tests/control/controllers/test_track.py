@@ -54,7 +54,7 @@ def test_target_says_when_it_is_predicted(rig, make_plant, breathing):
     assert controller.target.predicted
 
 
-def test_predictor_of_the_users_is_believed_where_it_is_sure(rig, make_plant, breathing):
+def test_predictor_of_the_users_is_used_where_it_is_trusted(rig, make_plant, breathing):
     class Prophet:
         def reset(self):
             pass
@@ -71,7 +71,8 @@ def test_predictor_of_the_users_is_believed_where_it_is_sure(rig, make_plant, br
     assert rms_mm(plant.run(TrackController(rig, predictor=Prophet()), 6.0), 4.0) < 0.02
 
 
-def test_predictor_that_answers_not_a_number_is_not_believed(rig, make_plant):
+@pytest.mark.parametrize("answer", [None, 0.001, Prediction(value=np.nan, velocity=0.0, trusted=True)])
+def test_unusable_answer_of_a_predictor_is_refused_and_shown(rig, make_plant, answer):
     class Broken:
         def reset(self):
             pass
@@ -80,9 +81,11 @@ def test_predictor_that_answers_not_a_number_is_not_believed(rig, make_plant):
             return True
 
         def predict(self, at_ns):
-            return Prediction(value=np.nan, velocity=np.nan, sigma=0.0, trusted=True)
+            return answer
 
-    assert rms_mm(make_plant().run(TrackController(rig, predictor=Broken()), 5.0), 4.0) < 0.01
+    controller = TrackController(rig, predictor=Broken())
+    with pytest.raises(InvalidValueError, match=r"answer of Broken\.predict is .*; allowed: a Prediction whose value \(m\)"):
+        make_plant().run(controller, 1.0)
 
 
 def test_bump_makes_the_tool_withdraw_and_come_back(rig, make_plant):
@@ -117,5 +120,5 @@ def test_bad_configuration_is_named(options, name):
 
 
 def test_forces_of_the_approach_must_be_in_order():
-    with pytest.raises(InvalidValueError, match="rising order"):
+    with pytest.raises(InvalidValueError, match=r"withdraw_force_n is 1\.2; allowed: at least bump_force_n \(3\.0\)"):
         replace(SafeApproachConfig(), bump_force_n=3.0)

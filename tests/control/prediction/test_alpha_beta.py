@@ -1,11 +1,18 @@
 import numpy as np
 import pytest
 
-from laploop.control.prediction.alpha_beta import AlphaBetaFilter, AlphaBetaFilterConfig
+from laploop.control.prediction.alpha_beta import AlphaBetaFilter, AlphaBetaFilterConfig, HeldMeasurement
 from laploop.errors import InvalidValueError
 
 FRAME_NS = 40_000_000
 LATENCY_NS = 60_000_000
+
+
+def started(config=None, *, start_ns=0):
+    """Return a filter whose first measurement was a displacement of zero."""
+    tracker = AlphaBetaFilter(config)
+    assert tracker.update(0.0, start_ns)
+    return tracker
 
 
 def breathing(time_s):
@@ -13,7 +20,7 @@ def breathing(time_s):
 
 
 def rms_error_under_breathing(config):
-    tracker = AlphaBetaFilter(config, 0)
+    tracker = started(config)
     errors = []
     for k in range(1, 500):
         tracker.update(breathing(k * 0.04), k * FRAME_NS)
@@ -23,7 +30,7 @@ def rms_error_under_breathing(config):
 
 
 def test_constant_rate_is_followed_without_lag():
-    tracker = AlphaBetaFilter(AlphaBetaFilterConfig(), 0)
+    tracker = started()
     for k in range(1, 60):
         tracker.update(0.01 * k * 0.04, k * FRAME_NS)
     assert tracker.rate_at(59 * FRAME_NS) == pytest.approx(0.01, abs=1e-6)
@@ -33,13 +40,13 @@ def test_constant_rate_is_followed_without_lag():
 
 def test_extrapolation_is_worth_its_while_under_breathing():
     extrapolated = rms_error_under_breathing(AlphaBetaFilterConfig())
-    as_measured = rms_error_under_breathing(AlphaBetaFilterConfig(alpha=1.0, beta=0.0))
-    assert extrapolated < 0.3 * as_measured
+    held = rms_error_under_breathing(AlphaBetaFilterConfig(alpha=1.0, beta=0.0))
+    assert extrapolated < 0.3 * held
     assert extrapolated < 1.2e-4  # metres, at 60 ms of latency
 
 
 def test_extrapolation_ends():
-    tracker = AlphaBetaFilter(AlphaBetaFilterConfig(), 0)
+    tracker = started()
     for k in range(1, 60):
         tracker.update(0.01 * k * 0.04, k * FRAME_NS)
     late, later = (tracker.displacement_at(59 * FRAME_NS + seconds * 1_000_000_000) for seconds in (1, 10))
@@ -47,29 +54,29 @@ def test_extrapolation_ends():
     assert tracker.rate_at(60 * 1_000_000_000) == 0.0
 
 
-def test_single_jump_is_not_believed():
-    tracker = AlphaBetaFilter(AlphaBetaFilterConfig(), 0)
+def test_single_jump_is_rejected():
+    tracker = started()
     assert tracker.update(0.0, FRAME_NS)
     assert not tracker.update(0.02, 2 * FRAME_NS)
     assert tracker.measured_ns == FRAME_NS
     assert tracker.displacement_at(2 * FRAME_NS) == 0.0
 
 
-def test_jump_that_persists_is_believed_at_the_third_time():
-    tracker = AlphaBetaFilter(AlphaBetaFilterConfig(), 0)
-    believed = [tracker.update(0.02, k * FRAME_NS) for k in (1, 2, 3)]
-    assert believed == [False, False, True]
+def test_jump_that_persists_is_accepted_at_the_third_time():
+    tracker = started()
+    accepted = [tracker.update(0.02, k * FRAME_NS) for k in (1, 2, 3)]
+    assert accepted == [False, False, True]
     assert tracker.displacement_at(3 * FRAME_NS) == 0.02
     assert tracker.rate_at(3 * FRAME_NS) == 0.0
 
 
-def test_jumps_that_contradict_each_other_are_never_believed():
-    tracker = AlphaBetaFilter(AlphaBetaFilterConfig(), 0)
+def test_jumps_that_contradict_each_other_are_never_accepted():
+    tracker = started()
     assert not any(tracker.update(sign * 0.02, (k + 1) * FRAME_NS) for k, sign in enumerate([1, -1] * 10))
 
 
 def test_rate_is_bounded():
-    tracker = AlphaBetaFilter(AlphaBetaFilterConfig(max_rate_mps=0.02), 0)
+    tracker = started(AlphaBetaFilterConfig(max_rate_mps=0.02))
     rates = []
     for k in range(1, 30):
         tracker.update(0.005 * k, k * FRAME_NS)  # 125 mm/s
@@ -77,8 +84,32 @@ def test_rate_is_bounded():
     assert max(rates) == 0.02
 
 
+def test_as_a_predictor_it_goes_on_at_the_rate_and_is_never_trusted():
+    tracker = started()
+    for k in range(1, 60):
+        tracker.update(0.01 * k * 0.04, k * FRAME_NS)
+    now_ns = 59 * FRAME_NS + LATENCY_NS
+    prediction = tracker.predict(now_ns)
+    assert (prediction.value, prediction.velocity) == (tracker.displacement_at(now_ns), tracker.rate_at(now_ns))
+    assert not prediction.trusted
+
+
+def test_held_measurement_is_the_newest():
+    held = HeldMeasurement()
+    assert held.predict(0).value == 0.0
+    assert held.update(0.002, 10)
+    assert not held.update(0.003, 10)
+    assert not held.update(None, 20)
+    assert not held.update(np.nan, 20)
+    assert held.update(0.004, 30)
+    prediction = held.predict(1_000)
+    assert (prediction.value, prediction.velocity) == (0.004, 0.0)
+    held.reset()
+    assert held.predict(0).value == 0.0
+
+
 def test_measurement_from_the_past_is_ignored():
-    tracker = AlphaBetaFilter(AlphaBetaFilterConfig(), 5 * FRAME_NS)
+    tracker = started(start_ns=5 * FRAME_NS)
     assert not tracker.update(0.001, 4 * FRAME_NS)
     assert tracker.displacement_at(5 * FRAME_NS) == 0.0
 

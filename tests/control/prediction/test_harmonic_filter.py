@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from laploop.control.prediction.filter_consistency import FilterConsistency
 from laploop.control.prediction.harmonic_filter import HarmonicFilter, HarmonicNoise
 from laploop.control.prediction.harmonic_model import HarmonicModel
 from laploop.errors import InvalidValueError
@@ -48,36 +47,12 @@ def test_frequency_stays_within_its_bounds():
     assert np.isfinite(filtered.state).all()
 
 
-def test_uncertainty_grows_with_the_time_ahead_and_with_unrest():
-    calm, restless = make(), make()
-    calm.advance(FRAME_NS)
-    restless.advance(FRAME_NS, process_noise_scale=100.0)
-    assert calm.outlook(FRAME_NS)[1] < calm.outlook(10 * FRAME_NS)[1]
-    assert calm.outlook(FRAME_NS)[1] < restless.outlook(FRAME_NS)[1]
-
-
-def test_forecasts_are_held_against_what_came():
-    record = FilterConsistency(make(hertz=1.05), horizon_ns=3 * FRAME_NS, window=10)
-    assert record.forecasts == 0
-    assert np.isinf(record.forecast_variance)
-    for k in range(1, 60):
-        record.advance(k * FRAME_NS)
-        record.correct(swing(k * FRAME_NS))
-    held = [swing(k * FRAME_NS) - swing((k - 3) * FRAME_NS) for k in range(50, 60)]
-    assert record.forecasts == 10
-    assert record.held_variance == pytest.approx(np.mean(np.square(held)), rel=1e-9)
-    assert record.forecast_variance < 1e-3 * record.held_variance
-
-
-def test_a_step_of_the_bias_clears_the_record():
-    record = FilterConsistency(make(), horizon_ns=3 * FRAME_NS, window=10)
-    for k in range(1, 20):
-        record.advance(k * FRAME_NS)
-        record.correct(swing(k * FRAME_NS))
-    before = record.filter.state[0]
-    record.shift(0.01, 0.001)
-    assert record.forecasts == 0
-    assert record.filter.state[0] == pytest.approx(before + 0.01)
+def test_uncertainty_grows_with_the_time_ahead_and_with_process_noise():
+    quiet, noisy = make(), make()
+    quiet.advance(FRAME_NS)
+    noisy.advance(FRAME_NS, process_noise_scale=100.0)
+    assert quiet.outlook(FRAME_NS)[1] < quiet.outlook(10 * FRAME_NS)[1]
+    assert quiet.outlook(FRAME_NS)[1] < noisy.outlook(FRAME_NS)[1]
 
 
 def test_impossible_noise_is_refused():
