@@ -1,4 +1,4 @@
-"""What a command shows: progress on the standard error stream, results on the standard output."""
+"""A command's output: progress on the standard error stream, results on the standard output."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from rich.table import Table
 
 @contextmanager
 def progress_bar(what: str, total: float) -> Iterator[Callable[[float], None]]:
-    """Show a progress bar while the block runs; the block is given a function that takes how much is done so far."""
+    """Show a progress bar while the block runs, and give the block a function to call with the amount done so far."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -36,7 +36,7 @@ class ResultTable:
         self._table.add_column()
 
     def row(self, name: str, value: float | str | None, unit: str = "") -> None:
-        """Add a result; a number is rounded to three figures, None means that there was nothing to measure."""
+        """Add a result; numbers are rounded to three figures, None was not measured."""
         if value is None:
             text = "none"
         elif isinstance(value, str):

@@ -99,8 +99,9 @@ def _outcome(error: BaseException, received: Sequence[int]) -> tuple[str, int] |
     if isinstance(error, KeyboardInterrupt):
         return STOP_SIGNALS[signal.SIGINT], 128 + signal.SIGINT
     if isinstance(error, LaploopError):
-        ours = isinstance(error, SimulationError | InfeasibleError | WorkerError) or _is_fault(error.__cause__)
-        return str(error), EXIT_FAILED if ours else EXIT_BAD_INPUT
+        failed = isinstance(error, SimulationError | InfeasibleError | WorkerError)
+        failed = failed or _is_fault(error.__cause__) or _is_fault(error.__context__)
+        return str(error), EXIT_FAILED if failed else EXIT_BAD_INPUT
     if isinstance(error, OSError):
         place = f"{error.filename}: " if error.filename else ""
         return f"{place}{error.strerror or error}", EXIT_FAILED if _is_fault(error) else EXIT_BAD_INPUT

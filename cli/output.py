@@ -1,4 +1,4 @@
-"""The folder that a command writes: every artefact whole or not at all, the summary last."""
+"""The folder that a command writes to: every artefact whole or not at all, the summary last."""
 
 import dataclasses
 import json
@@ -27,7 +27,7 @@ class OutputFolder:
     """An output folder, checked for writing and locked against other commands before any work is done.
 
     A summary that an earlier run left is removed as soon as the first artefact of this run is in place: a folder with a summary
-    always holds what the summary tells. If the block of this context manager raises, artefacts that were complete stay; a
+    always holds what the summary describes. If the block of this context manager raises, artefacts that were complete stay; a
     folder made in vain is removed.
     """
 
@@ -165,7 +165,7 @@ def versions() -> dict[str, str]:
 
 
 def plain(value: Any) -> Any:
-    """Turn dataclasses, arrays, paths and the like into what JSON knows; numbers that are not finite become null."""
+    """Turn dataclasses, arrays, paths and the like into plain JSON values; numbers that are not finite become null."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     elif isinstance(value, np.ndarray | np.generic):

@@ -2,7 +2,15 @@ import pickle
 
 import pytest
 
-from laploop.errors import InvalidValueError, LaploopError, MissingFileError, UnknownNameError, WeightsError, check_range
+from laploop.errors import (
+    InvalidValueError,
+    LaploopError,
+    MissingFileError,
+    OutputError,
+    UnknownNameError,
+    WeightsError,
+    check_range,
+)
 
 
 @pytest.mark.parametrize(
@@ -21,6 +29,13 @@ def test_an_error_is_one_of_ours_and_the_natural_builtin_and_survives_a_process_
         assert isinstance(each, builtin)
         assert str(each) == message
     assert type(copy) is type(error)
+
+
+def test_the_systems_error_behind_one_of_ours_survives_a_process_border():
+    error = OutputError("cannot write x")
+    error.__context__ = OSError(28, "No space left on device")
+    copy = pickle.loads(pickle.dumps(error))  # noqa: S301  our own bytes
+    assert copy.__context__.errno == 28
 
 
 def test_a_range_includes_its_ends_and_leaves_out_what_is_not_a_number():

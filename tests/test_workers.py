@@ -26,6 +26,25 @@ if __name__ == "__main__":
 """
 
 
+LOCK_SCRIPT = """
+import multiprocessing
+from laploop.workers import run_in_workers
+
+def work(number):
+    global lock
+    lock = multiprocessing.Lock()
+
+def done(*_):
+    raise KeyError
+
+if __name__ == "__main__":
+    try:
+        run_in_workers(work, [0, 1], 2, done)
+    except KeyError:
+        pass
+"""
+
+
 def results_of(work, jobs, workers, **options):
     results = {}
     run_in_workers(work, jobs, workers, results.__setitem__, **options)
@@ -46,7 +65,8 @@ def test_error_of_a_job_is_raised_and_what_was_finished_is_handed_over(workers):
     finished = []
     with pytest.raises(InvalidValueError, match="number is 3"):
         run_in_workers(partial(check_range, "number", low=0, high=2), [1, 3], workers, lambda job, _: finished.append(job))
-    assert finished == [1]
+    # Two workers may find the error first.
+    assert finished == [1] or (workers == 2 and finished == [])
 
 
 def test_workers_are_prepared_and_the_caller_is_called_while_it_waits(tmp_path):
@@ -68,6 +88,13 @@ def test_interrupt_ends_busy_workers_at_once():
     with pytest.raises(KeyboardInterrupt):
         run_in_workers(time.sleep, [0.0, 600.0], 2, interrupted)
     assert not [child for child in psutil.Process().children() if "spawn_main" in " ".join(child.cmdline())]
+
+
+def test_locks_of_libraries_in_killed_workers_leave_no_warning(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(LOCK_SCRIPT)
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)  # noqa: S603 - ours
+    assert done.stderr == ""
 
 
 def test_processes_that_cannot_be_started_are_one_clear_error(monkeypatch):

@@ -1,4 +1,4 @@
-"""How a recording is laid out when it opens: views, plots with their names and units, and the legend."""
+"""Layout of a recording when it opens: views, plots with their names and units, and the legend."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from laploop.envs.recording.recorder import STAGES
 from laploop.perception.geometry import Rig
 
 ERROR_RANGE_MM = 3.0
-"""The colours of depth errors span minus to plus this."""
+"""The colours of depth errors span this in both directions."""
 
 Color = tuple[int, int, int]
 
@@ -28,7 +28,7 @@ class Plot:
     series: Mapping[str, tuple[str, Color]]
     """Entity below the plot: its name in the legend, and its colour."""
     range: tuple[float, float] | None = None
-    """What the vertical axis spans at first; None lets the viewer choose."""
+    """Initial range of the vertical axis; None lets the viewer choose."""
 
 
 PLOTS: Mapping[str, Plot] = {

@@ -1,4 +1,4 @@
-"""An episode as a Rerun file that opens ready to read."""
+"""An episode as a Rerun file with its layout."""
 
 import errno
 import warnings
@@ -24,10 +24,10 @@ TIMELINE = "sim_time"
 FRAME_TIMELINE = "frame"
 
 DEPTH_UNITS_PER_M = 100_000.0
-"""Depth maps are stored as 16-bit integers of 0.01 mm, up to 655 mm; 0 means nothing there."""
+"""Depth maps are stored as 16-bit integers of 0.01 mm, up to 655 mm; 0 means no depth."""
 
 _FLUSH_TICKS = 125
-"""Ticks and poses are sent in batches of about a second: a call to Rerun costs far more than a number."""
+"""Ticks and poses are sent in batches of about a second: each call to Rerun is expensive."""
 
 _POINT_STRIDE = 4
 _NO_ERROR = 256
@@ -57,7 +57,7 @@ class RerunRecorder(Recorder):
         """Open the hidden file.
 
         Args:
-            path: Where the recording is to be, an existing folder and a name.
+            path: Path of the recording, in an existing folder.
             map_stride: Depth, truth and error keep every `map_stride`-th pixel along both axes: at 2, a second of
                 recording takes about 6 MB.
 

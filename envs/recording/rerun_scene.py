@@ -1,4 +1,4 @@
-"""A MuJoCo model's visible bodies as Rerun entities: shapes once, poses whenever they are asked for."""
+"""A MuJoCo model's visible bodies as Rerun entities: shapes are logged once, poses over time."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,8 +9,8 @@ import rerun as rr
 from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
-VISIBLE_GROUPS = (1, 2)
-"""Geom groups that are drawn: what the endoscope sees, and the arms with the wall; the rest only collides."""
+_VISIBLE_GROUPS = (1, 2)
+"""Geom groups that are drawn: what the endoscope sees, and the arms with the wall; the others only collide."""
 
 _NET_LINES = 17
 
@@ -26,7 +26,7 @@ class DrawnBody:
     body_id: int
     geom_ids: tuple[int, ...]
     moves: bool
-    """False for what is welded to the world."""
+    """False for a body welded to the world."""
 
 
 def drawn_bodies(model: mujoco.MjModel) -> tuple[DrawnBody, ...]:
@@ -40,7 +40,7 @@ def _drawn_bodies(model: mujoco.MjModel) -> Iterator[DrawnBody]:
         geom_ids = tuple(
             geom_id
             for geom_id in range(first, first + int(model.body_geomnum[body_id]))
-            if model.geom_group[geom_id] in VISIBLE_GROUPS and model.geom_type[geom_id] != mujoco.mjtGeom.mjGEOM_PLANE
+            if model.geom_group[geom_id] in _VISIBLE_GROUPS and model.geom_type[geom_id] != mujoco.mjtGeom.mjGEOM_PLANE
         )
         if geom_ids:
             name = model.body(body_id).name if body_id else "theatre"
@@ -73,7 +73,7 @@ def log_shapes(stream: rr.RecordingStream, model: mujoco.MjModel, body: DrawnBod
 
 
 def _shape(model: mujoco.MjModel, geom_id: int) -> rr.AsComponents | None:
-    """Make the archetype of a geom in the geom's own frame; None for a kind that is never drawn here."""
+    """Return the archetype of a geom in the geom's own frame; None for kinds that the theatre does not draw."""
     material = int(model.geom_matid[geom_id])
     rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom_id]
     color = np.round(np.asarray(rgba) * 255).astype(np.uint8)
@@ -97,7 +97,7 @@ def _shape(model: mujoco.MjModel, geom_id: int) -> rr.AsComponents | None:
 
 
 def _net(half_sizes: NDArray[np.float64], color: NDArray[np.uint8]) -> rr.LineStrips3D:
-    """Make a net in the middle of a thin box, which everything behind stays visible through from every side."""
+    """Return a net in the middle of a thin box, so that what is behind stays visible from every side."""
     thin = int(np.argmin(half_sizes))
     first, second = (axis for axis in range(3) if axis != thin)
     strips = []
@@ -126,7 +126,7 @@ def _mesh(model: mujoco.MjModel, mesh_id: int, color: NDArray[np.uint8]) -> rr.M
 
 
 class VertexNormals:
-    """Area-weighted unit normals of a mesh whose points move; made once for its triangles, 0.3 ms for 8000 of them."""
+    """Area-weighted unit normals of a mesh whose points move; 0.3 ms for 8000 triangles."""
 
     def __init__(self, triangles: NDArray[np.integer], point_count: int) -> None:
         """Prepare for triangles (m, 3), indices below `point_count`."""

@@ -17,8 +17,9 @@ class LaploopError(Exception):
     """Base of every error raised on purpose by laploop; keeps its message when it crosses a process border."""
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickle by message: the constructors of the subclasses take other arguments than the message."""
-        return _rebuilt, (type(self), self.args)
+        """Pickle by message, since the subclasses' constructors take other arguments, and with the system's error behind it."""
+        context = self.__context__ if type(self.__context__) is OSError else None
+        return _rebuilt, (type(self), self.args), {"__context__": context}
 
     def at(self, place: str, joint: str = ": ") -> Self:
         """Return the same error with the place, such as a field's path, in front of its message."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context, parent_process, set_start_method
 from multiprocessing.connection import wait as wait_for
 from typing import TypeVar
 
@@ -58,7 +58,7 @@ def run_in_workers(
         pending = set(job_of)
         while pending:
             finished, pending = wait(pending, timeout=_POLL_S, return_when=FIRST_COMPLETED)
-            for future in finished:
+            for future in sorted(finished, key=lambda future: future.exception() is not None):
                 done(job_of[future], future.result())
             if waiting is not None:
                 waiting()
@@ -112,5 +112,7 @@ def _end_with_parent() -> None:
 
 def _begin(prepare: Callable[[], None] | None) -> None:
     follow_parent()
+    # Locks that libraries make here then have no name, which a killed worker would leave behind.
+    set_start_method("fork", force=True)
     if prepare is not None:
         prepare()

@@ -1,4 +1,4 @@
-"""One episode on one page: what the scope saw, what was made of it, and how the tip got to its target."""
+"""One episode on one page: the scope's images, the depth estimated from them, and the tip's way to its target."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -26,13 +26,12 @@ _NOTHING = "#d9d9d9"
 def draw_episode(log: EpisodeLog, summary: Mapping[str, Any], path: Path | str) -> None:
     """Draw an episode as a PNG.
 
-    Rows show the start, the middle and the end (of what happened, if the episode ended early); depth and truth share one
-    scale; grey pixels have no value. Below are the target error, the contact force and the trocar errors over time.
+    Rows show the first, a middle and the last depth frame; depth and truth share one scale; grey pixels have no value. Below
+    are the target error, the contact force and the trocar errors over time.
 
     Args:
-        log: What happened; an episode without any depth frame or tick leaves the places of these empty.
-        summary: `task`, `perception`, `motion`, `seed`, `terminated_by` and, where they are known, `success` and
-            `target_error_mm`.
+        log: The episode; without a depth frame there are no images.
+        summary: `task`, `perception`, `motion`, `seed`, `terminated_by` and, where known, `success` and `target_error_mm`.
         path: Where to write.
     """
     records = log.key_depths()
@@ -60,7 +59,7 @@ def _title(summary: Mapping[str, Any]) -> str:
 
 def _draw_images(figure: SubFigure, records: Sequence[DepthRecord]) -> None:
     axes = figure.subplots(len(records), 4, squeeze=False)
-    # Tissue fills the scale of grey; what shines brighter, as the instrument does, is shown white.
+    # Tissue fills the grey scale; what is brighter, such as the instrument, is white.
     shown = np.concatenate([record.stripes[record.tissue] for record in records])
     white = float(np.clip(np.percentile(shown, 99.8), 32.0, 255.0)) if shown.size else 255.0
     truths = np.concatenate([record.exact_depth_mm[record.tissue] for record in records])
@@ -68,7 +67,7 @@ def _draw_images(figure: SubFigure, records: Sequence[DepthRecord]) -> None:
     near, far = np.percentile(truths, [0.5, 99.5]) if truths.size else (50.0, 150.0)
     errors = [record.error_mm() for record in records]
     known = np.concatenate([np.abs(error[np.isfinite(error)]) for error in errors])
-    # A few wild pixels must not wash the colours out; a perfect estimate must not be shown as noise.
+    # A few outliers must not wash out the colours; the rounding errors of a perfect estimate must not look like noise.
     limit = float(np.clip(np.percentile(known, 98.0), 0.2, 10.0)) if known.size else 1.0
     depth_colors, error_colors = _colors("viridis"), _colors("RdBu")
     for row, (record, error, when) in enumerate(zip(records, errors, _ROWS[len(records)], strict=True)):
@@ -119,12 +118,12 @@ def _draw_plots(figure: SubFigure, log: EpisodeLog, limit_mm: float | None) -> N
     target.set_ylabel("target error [mm]")
     force.plot(times, log.series("contact_force_n"), color=RED, linewidth=1.2)
     force.set_ylabel("contact\nforce [N]")
-    force.set_ylim(0.0, _room(log.series("contact_force_n"), least=0.1))
+    force.set_ylim(0.0, _axis_top(log.series("contact_force_n"), at_least=0.1))
     for arm, color in (("camera", ORANGE), ("tool", BLUE)):
         rcm.plot(times, log.series(f"rcm_error_mm/{arm}"), color=color, linewidth=0.9, label=f"{arm} arm")
     rcm.set_ylabel("trocar\nerror [mm]")
     both = np.concatenate([log.series("rcm_error_mm/camera"), log.series("rcm_error_mm/tool")])
-    rcm.set_ylim(0.0, _room(both, least=0.01))
+    rcm.set_ylim(0.0, _axis_top(both, at_least=0.01))
     rcm.legend(loc="lower right", bbox_to_anchor=(1.0, 0.95), frameon=False, ncols=2, borderaxespad=0.0)
     rcm.set_xlabel("simulated time [s]")
     for axis in (target, force, rcm):
@@ -133,5 +132,5 @@ def _draw_plots(figure: SubFigure, log: EpisodeLog, limit_mm: float | None) -> N
     figure.align_ylabels([target, force, rcm])
 
 
-def _room(values: NDArray[np.float64], least: float) -> float:
-    return max(1.15 * float(np.nanmax(values, initial=0.0)), least)
+def _axis_top(values: NDArray[np.float64], at_least: float) -> float:
+    return max(1.15 * float(np.nanmax(values, initial=0.0)), at_least)

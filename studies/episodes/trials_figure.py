@@ -17,9 +17,9 @@ RCM_LIMIT_MM = 0.5
 
 
 def draw_trials(rows: Sequence[Row], title: str, path: Path | str, *, task: str = "reach") -> None:
-    """Draw final error, worst force and worst trocar error of every episode, sorted by error, with their limits, as a PNG.
+    """Draw final error, worst force and worst trocar error of every episode, sorted by error, as a PNG with their limits.
 
-    Only `reach` is judged by its final error, so that the limit is drawn for no other task.
+    The final error has a limit in `reach` alone.
     """
     ended = sorted((row for row in rows if row["final_error_mm"] is not None), key=lambda row: row["final_error_mm"])
     with figure_page(path, title=title, width_in=9.0, height_in=6.4) as figure:

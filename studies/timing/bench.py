@@ -37,11 +37,11 @@ from laploop.studies.timing.tick_times import kinematics_beside, tracking_tick_t
 
 _WARM_UP_CALLS = 10
 _PRESS_TICKS, _PRESS_MPS = 25, 0.005
-"""The tip goes 1 mm deeper before physics in contact is measured: 25 control periods of 8 ms at 5 mm/s."""
+"""The tip presses 1 mm deeper before physics in contact is measured: 25 control periods of 8 ms at 5 mm/s."""
 _MOST_EPISODES = 50
 _TOUCH_N = 0.01
 _REFERENCE_CALLS = 10
-"""Of the reference camera and of the reprojection, which take a thousand times as long as other stages."""
+"""Calls of the reference camera and of the reprojection, which take a thousand times as long as other stages."""
 
 
 @configuration
@@ -73,7 +73,7 @@ class BenchConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Touch:
-    """A theatre at the end of an episode, the instrument's tip on the tissue, and how long its control ticks took."""
+    """A theatre at the end of an episode, the tip on the tissue, and the durations of its control ticks."""
 
     env: ReachEnv
     rcm: RcmController
@@ -141,7 +141,7 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
 
 
 def _reach_the_tissue(config: BenchConfig) -> _Touch:
-    """Run episodes with exact depth until there are enough control ticks, and keep the last one, which ended in a touch."""
+    """Run episodes with exact depth until there are enough control ticks; return the last one, which ended in a touch."""
     targeting: list[float] = []
     kinematics: list[float] = []
     for number in range(_MOST_EPISODES):
@@ -163,7 +163,7 @@ def _reach_the_tissue(config: BenchConfig) -> _Touch:
 
 
 def _contact_physics(touch: _Touch, calls: int) -> list[float]:
-    """Press the tip into the tissue and time physics steps there, those alone in which a force is felt."""
+    """Press the tip into the tissue, and time the physics steps in contact."""
     loop = touch.env.loop
     theatre, arm = loop.theatre, loop.theatre.tool_arm
     for _ in range(_PRESS_TICKS):
@@ -186,7 +186,7 @@ def _contact_physics(touch: _Touch, calls: int) -> list[float]:
 def _reference_stages(theatre: Theatre, rig: Rig, rng: np.random.Generator) -> list[Stage]:
     """Time the reference camera at 2x2 sampling, and the reprojection of all its points at full sampling."""
     world_from_scope = theatre.world_from_camera()
-    # What the scope looks at, 90 mm in front of it.
+    # Aimed at the point 90 mm in front of the scope.
     world_from_reference = lateral_mount(world_from_scope[:3, 3] + 0.09 * world_from_scope[:3, 2])
     coarse = ReferenceCamera(ReferenceOptics(sampling="2x2"))
     coarse.attach(theatre.model)
@@ -200,7 +200,7 @@ def _reference_stages(theatre: Theatre, rig: Rig, rng: np.random.Generator) -> l
 
 
 def _recorder_times(env: ReachEnv, capture: StripeCapture, calls: int) -> list[float]:
-    """Time what the Rerun recorder does in one camera period: a frame, a depth frame, and the control ticks between."""
+    """Time the Rerun recorder's work of a camera period: a frame, a depth frame, and the control ticks in between."""
     from laploop.envs.recording.rerun_recorder import RerunRecorder  # slow to import
 
     rates, theatre = env.loop.config, env.loop.theatre

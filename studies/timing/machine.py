@@ -1,4 +1,4 @@
-"""What a measurement ran on, for results that are kept."""
+"""The machine that a measurement ran on."""
 
 import os
 import platform
@@ -11,7 +11,7 @@ def describe_machine() -> dict[str, Any]:
 
     Returns:
         `cpu`, `logical_cores`, `usable_cores`, `memory_gib`, `system`, `python`, `gpu` (None without one), and
-        `load_1min`, the mean number of busy processes in the last minute: above 0.5 before a measurement, others were at work.
+        `load_1min`, the mean number of busy processes in the last minute; above 0.5, the machine was not idle.
     """
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
