@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -10,16 +9,14 @@ from laploop.errors import OutputError
 from laploop.perception.calibration.calibration_file import load_calibration
 from laploop.perception.data.pair_store import PairStore
 from laploop.studies.acquisition.config import AcquisitionConfig
+from laploop.studies.acquisition.ray import check_ray, collect_with_ray
 from laploop.studies.acquisition.station import collect_tissue, reference_optics
-from laploop.studies.calibration.run import CalibrationConfig, calibrate_bench
+from laploop.studies.calibration.run import calibrate_bench
 from laploop.workers import run_in_workers
-
-Report = Callable[[int], None]
-"""Is told how many pairs are done so far."""
 
 
 def collect_pairs(
-    config: AcquisitionConfig, out: Path, *, calibration: Path | None = None, report: Report | None = None
+    config: AcquisitionConfig, out: Path, *, calibration: Path | None = None, report: Callable[[int], None] = lambda _: None
 ) -> Path:
     """Collect pairs into the Zarr store `out` and return its path; goes on where an earlier run was stopped.
 
@@ -30,22 +27,21 @@ def collect_pairs(
         config: The plan.
         out: Where the store is or will be.
         calibration: A file with the calibration to use; by default the bench is calibrated first.
-        report: Is told the progress.
+        report: Called with the number of pairs done so far.
 
     Raises:
         OutputError: If `out` cannot be written, or holds a collection of another configuration or calibration.
-        MissingFileError: If there is no such calibration.
-        InvalidValueError: If the calibration is not valid, or `out` is a data set of another format.
+        MissingFileError: If there is no such calibration, or no Ray for the engine of that name.
+        InvalidValueError: If the calibration is not valid.
+        DatasetError: If `out` is a damaged data set, or one of another format.
+        WorkerError: If the workers cannot be started.
         SimulationError: If a tissue does not settle.
     """
-    report = report or (lambda _: None)
     store = open_or_create(config, out, calibration=calibration)
     done = store.done()
     report(int(done.sum()))
     tissues = sorted({int(tissue) for tissue in config.tissue_of_pair[~done]})
     if config.engine == "ray":
-        from laploop.studies.acquisition.ray import collect_with_ray
-
         collect_with_ray(config, out, tissues, lambda: report(store.count_done()))
     elif config.workers == 1:
         for tissue in tissues:
@@ -69,9 +65,11 @@ def open_or_create(
 ) -> PairStore:
     """Open the store of an earlier run of the same plan, or calibrate and make a new one.
 
-    Arguments and errors as for `collect_pairs`; `progress` is told the number of calibration views taken, up to
-    `calibration_config(config).pictures`.
+    Arguments and errors as for `collect_pairs`; `progress` is called with the number of calibration views taken, up to
+    `config.calibration.pictures`.
     """
+    if config.engine == "ray":
+        check_ray()
     given = load_calibration(calibration) if calibration is not None else None
     recipe = {**config.recipe, "calibration_file_sha256": None if calibration is None else _file_hash(calibration)}
     if out.exists():
@@ -88,18 +86,12 @@ def open_or_create(
         optics=config.bench.scope,
         reference_intrinsics=reference_optics(config).intrinsics,
         true_scope_from_reference=config.bench.scope_from_reference,
-        calibration=given or calibrate_bench(calibration_config(config), progress).stereo,
+        calibration=given or calibrate_bench(config.calibration, progress).stereo,
         tissue_seed=config.tissue_of_pair,
         split=config.split_of_pair,
         tool_in_view=config.tool_in_view,
         config=recipe,
     )
-
-
-def calibration_config(config: AcquisitionConfig) -> CalibrationConfig:
-    """Return what is calibrated before a collection: both cameras and the transform, over the whole image."""
-    bench = replace(config.bench, reference=replace(config.bench.reference, region=None))
-    return CalibrationConfig(views=config.calibration_views, seed=config.seed, bench=bench, projector=False, hand_eye=False)
 
 
 def _file_hash(path: Path) -> str:
