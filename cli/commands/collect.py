@@ -45,17 +45,13 @@ def main(arguments: Sequence[str]) -> int:
         raise InvalidValueError("--out", None, "a folder for the data set, or --verify and a data set")
 
     from laploop.perception.data.pair_store import PairStore
-    from laploop.studies.acquisition.run import collect_pairs, open_or_create  # slow to import
+    from laploop.studies.acquisition.run import collect_pairs  # slow to import
 
     config = chosen.acquisition
     with OutputFolder(chosen.out, "collect") as folder:
         path = folder.path / PAIRS
         before = PairStore.open(path).count_done() if path.exists() else 0
-        if not path.exists() and chosen.calibration is None:
-            with progress_bar("views of the calibration board", config.calibration.pictures) as progress:
-                open_or_create(config, path, progress=progress)
-        with progress_bar("pairs", config.pairs) as report:
-            collect_pairs(config, path, calibration=chosen.calibration, report=report)
+        collect_pairs(config, path, calibration=chosen.calibration, progress=progress_bar)
         store = PairStore.open(path)
         summary = _describe(store, folder)
         size_mb = 1e-6 * sum(file.stat().st_size for file in path.rglob("*") if file.is_file())

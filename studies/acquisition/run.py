@@ -1,7 +1,8 @@
 """Collects stripe frames paired with captures of the reference camera, as the automated program of the paper does."""
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -9,14 +10,23 @@ from laploop.errors import OutputError
 from laploop.perception.calibration.calibration_file import load_calibration
 from laploop.perception.data.pair_store import PairStore
 from laploop.studies.acquisition.config import AcquisitionConfig
-from laploop.studies.acquisition.ray import check_ray, collect_with_ray
+from laploop.studies.acquisition.ray import collect_with_ray, ray_cluster
 from laploop.studies.acquisition.station import collect_tissue, reference_optics
 from laploop.studies.calibration.run import calibrate_bench
 from laploop.workers import run_in_workers
 
+Progress = Callable[[str, float], AbstractContextManager[Callable[[float], None]]]
+"""Takes what is counted and how many there are; the block is given a function to call with how many are done."""
+
+
+@contextmanager
+def no_progress(_what: str, _total: float) -> Iterator[Callable[[float], None]]:
+    """Show nothing."""
+    yield lambda _: None
+
 
 def collect_pairs(
-    config: AcquisitionConfig, out: Path, *, calibration: Path | None = None, report: Callable[[int], None] = lambda _: None
+    config: AcquisitionConfig, out: Path, *, calibration: Path | None = None, progress: Progress = no_progress
 ) -> Path:
     """Collect pairs into the Zarr store `out` and return its path; goes on where an earlier run was stopped.
 
@@ -27,50 +37,40 @@ def collect_pairs(
         config: The plan.
         out: Where the store is or will be.
         calibration: A file with the calibration to use; by default the bench is calibrated first.
-        report: Called with the number of pairs done so far.
+        progress: Shows the progress of the calibration and of the pairs.
 
     Raises:
         OutputError: If `out` cannot be written, or holds a collection of another configuration or calibration.
         MissingFileError: If there is no such calibration, or no Ray for the engine of that name.
         InvalidValueError: If the calibration is not valid.
         DatasetError: If `out` is a damaged data set, or one of another format.
-        WorkerError: If the workers cannot be started.
+        WorkerError: If the workers or the cluster cannot be started.
         SimulationError: If a tissue does not settle.
     """
-    store = open_or_create(config, out, calibration=calibration)
-    done = store.done()
-    report(int(done.sum()))
-    tissues = sorted({int(tissue) for tissue in config.tissue_of_pair[~done]})
-    if config.engine == "ray":
-        collect_with_ray(config, out, tissues, lambda: report(store.count_done()))
-    elif config.workers == 1:
-        for tissue in tissues:
-            collect_tissue(config, out, tissue, lambda: report(store.count_done()))
-    else:
+    with ray_cluster(config.workers) if config.engine == "ray" else nullcontext():
+        store = _open_or_create(config, out, calibration, progress)
+        done = store.done()
+        tissues = sorted({int(tissue) for tissue in config.tissue_of_pair[~done]})
+        with progress("pairs", config.pairs) as report:
 
-        def written(*_: int) -> None:
-            report(store.count_done())
+            def written(*_: int) -> None:
+                report(store.count_done())
 
-        run_in_workers(partial(collect_tissue, config, out), tissues, config.workers, written, waiting=written)
-    report(store.count_done())
+            written()
+            if config.engine == "ray":
+                collect_with_ray(config, out, tissues, written)
+            elif config.workers == 1:
+                for tissue in tissues:
+                    collect_tissue(config, out, tissue, written)
+            else:
+                run_in_workers(partial(collect_tissue, config, out), tissues, config.workers, written, waiting=written)
+            written()
     return out
 
 
-def open_or_create(
-    config: AcquisitionConfig,
-    out: Path,
-    *,
-    calibration: Path | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> PairStore:
-    """Open the store of an earlier run of the same plan, or calibrate and make a new one.
-
-    Arguments and errors as for `collect_pairs`; `progress` is called with the number of calibration views taken, up to
-    `config.calibration.pictures`.
-    """
-    if config.engine == "ray":
-        check_ray()
-    given = load_calibration(calibration) if calibration is not None else None
+def _open_or_create(config: AcquisitionConfig, out: Path, calibration: Path | None, progress: Progress) -> PairStore:
+    """Open the store of an earlier run of the same plan, or calibrate and make a new one."""
+    given = None if calibration is None else load_calibration(calibration)
     recipe = {**config.recipe, "calibration_file_sha256": None if calibration is None else _file_hash(calibration)}
     if out.exists():
         store = PairStore.open(out, writable=True)
@@ -81,12 +81,16 @@ def open_or_create(
             )
         store.remove_left_behind()
         return store
+    intrinsics = reference_optics(config).intrinsics
+    if given is None:
+        with progress("views of the calibration board", config.calibration.pictures) as report:
+            given = calibrate_bench(config.calibration, report).stereo
     return PairStore.create(
         out,
         optics=config.bench.scope,
-        reference_intrinsics=reference_optics(config).intrinsics,
+        reference_intrinsics=intrinsics,
         true_scope_from_reference=config.bench.scope_from_reference,
-        calibration=given or calibrate_bench(config.calibration, progress).stereo,
+        calibration=given,
         tissue_seed=config.tissue_of_pair,
         split=config.split_of_pair,
         tool_in_view=config.tool_in_view,
