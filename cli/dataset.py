@@ -6,8 +6,6 @@ from rich.console import Console
 
 from laploop.cli.console import progress_bar
 from laploop.errors import InvalidValueError
-from laploop.perception.data.check import check_dataset
-from laploop.perception.data.datasets import open_dataset
 
 FRAMES = "frames.zarr"
 """Name of the data set inside the folder that `laploop synthesize` writes."""
@@ -34,6 +32,9 @@ def dataset_path(given: Path) -> Path:
 
 def verify_dataset(given: Path) -> int:
     """Check every frame of a data set, list what is wrong with it, and return the exit status."""
+    from laploop.perception.data.check import check_dataset
+    from laploop.perception.data.datasets import open_dataset
+
     path = dataset_path(given)
     store = open_dataset(path)
     with progress_bar(f"{store.NOUN}s checked", len(store)) as report:

@@ -1,9 +1,9 @@
 from .acquisition.config import AcquisitionConfig as AcquisitionConfig
 from .acquisition.run import collect_pairs as collect_pairs
+from .calibration.config import CalibrationConfig as CalibrationConfig
 from .calibration.run import BenchCalibration as BenchCalibration
-from .calibration.run import CalibrationConfig as CalibrationConfig
 from .calibration.run import calibrate_bench as calibrate_bench
-from .characterization.run import CharacterizationConfig as CharacterizationConfig
+from .characterization.config import CharacterizationConfig as CharacterizationConfig
 from .characterization.run import characterise as characterise
 from .depth.config import DepthEvaluation as DepthEvaluation
 from .depth.config import RobustnessConfig as RobustnessConfig
@@ -16,12 +16,12 @@ from .episodes.task_table import TaskTableConfig as TaskTableConfig
 from .episodes.task_table import run_task_table as run_task_table
 from .episodes.trials import TrialsConfig as TrialsConfig
 from .episodes.trials import run_trials as run_trials
+from .synthesis.config import TrainingFramesConfig as TrainingFramesConfig
+from .synthesis.run import render_training_frames as render_training_frames
 from .timing.bench import BenchConfig as BenchConfig
 from .timing.bench import run_bench as run_bench
 from .timing.speed import measure_speed as measure_speed
 from .timing.speed_config import SpeedConfig as SpeedConfig
-from .training_frames import TrainingFramesConfig as TrainingFramesConfig
-from .training_frames import render_training_frames as render_training_frames
 
 __all__ = [
     "CAMPAIGNS",

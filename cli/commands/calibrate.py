@@ -1,40 +1,38 @@
 """`laploop calibrate`: calibrate the bench from pictures of a board, and compare with the truth."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
-from laploop.perception.calibration.calibration_file import save_calibration
-from laploop.studies.calibration.figure import draw_calibration
-from laploop.studies.calibration.run import CalibrationConfig, calibrate_bench
-from laploop.studies.calibration.truth import as_dict, corners_as_csv, true_residuals, views_as_csv
-from laploop.studies.scenes.optical_bench import OpticalBench
+from laploop.configuration import Seed, configuration
+from laploop.studies.calibration.config import CalibrationConfig, JointNoise, Views
+from laploop.studies.scenes.optical_bench import OpticalBench, Preset
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class CalibrateArguments:
     """Calibrate scope, reference camera, the transform between them, the projector, and the scope on its arm.
 
     All from rendered pictures, as on a bench. Writes `calibration.json`, `calibration.png`, `views.csv`, `corners.csv` and
-    `summary.json`, which also tells the residuals that only a simulator knows.
+    `summary.json`, which also holds the residuals that only a simulator knows.
     """
 
-    views: int = 20
+    views: Views = 20
     """Pictures in each step: the scope's own, the reference camera's own, pairs, stripes on a card, poses of the arm."""
-    seed: int = 0
+    seed: Seed = 0
     """Of the poses and the sensors' noise."""
-    preset: str = "paper"
-    """Optical model of the scope: ideal, paper or worst."""
+    preset: Preset = "paper"
+    """Optical model of the scope."""
     projector: bool = True
     """Calibrate the stripe projector as well."""
     hand_eye: bool = True
     """Calibrate the scope on the arm's flange as well."""
-    joint_noise_rad: float = 0.0
-    """Standard deviation of the joint angles that the arm tells."""
+    joint_noise_rad: JointNoise = 0.0
+    """Standard deviation of the joint angles that the arm reports."""
     scope: ScopeOptics = field(default_factory=ScopeOptics)
     out: Path
     """Folder to write to; made where it does not exist."""
@@ -51,6 +49,12 @@ def main(arguments: Sequence[str]) -> int:
         hand_eye=chosen.hand_eye,
         joint_noise_rad=chosen.joint_noise_rad,
     )
+
+    from laploop.perception.calibration.calibration_file import save_calibration
+    from laploop.studies.calibration.figure import draw_calibration
+    from laploop.studies.calibration.run import calibrate_bench  # slow to import
+    from laploop.studies.calibration.truth import as_dict, corners_as_csv, true_residuals, views_as_csv
+
     with OutputFolder(chosen.out, "calibrate") as folder:
         with progress_bar("views", config.pictures) as advance_to:
             found = calibrate_bench(config, advance_to)

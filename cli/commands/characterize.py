@@ -8,19 +8,10 @@ from typing import Annotated, Literal
 
 import tyro
 
-from laploop.assets.mask_fabrication import fabricated
-from laploop.assets.stripe_mask import StripeMask
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
-from laploop.studies.characterization.figure import draw_characterization
-from laploop.studies.characterization.run import (
-    CharacterizationConfig,
-    as_csv,
-    as_markdown,
-    characterise,
-    profiles_as_csv,
-)
+from laploop.studies.characterization.config import CharacterizationConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,11 +23,11 @@ class CharacterizeArguments:
 
     characterization: Annotated[CharacterizationConfig, tyro.conf.arg(name="")] = field(default_factory=CharacterizationConfig)
     mask_image: Path | None = None
-    """A mask as a grey PNG (grey is transmission), instead of the built-in one; square unless it is one of upright stripes. Say
-    with `--optics.mask.stripes` how many periods it has."""
+    """A mask as a grey PNG (grey is transmission), instead of the built-in one; square unless it has upright stripes alone.
+    Give its number of periods with `--optics.mask.stripes`."""
     mask_route: Literal["printed", "chrome"] | None = None
-    """How the built-in mask was made, which tells how rough the edges of its stripes are; `--optics.mask.edge-seed` chooses the
-    specimen. By default its edges are ideal."""
+    """How the built-in mask was made, which decides how rough the edges of its stripes are; `--optics.mask.edge-seed` chooses
+    the specimen. By default its edges are ideal."""
     out: Path
     """Folder to write to; made where it does not exist."""
 
@@ -44,16 +35,11 @@ class CharacterizeArguments:
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     chosen = parse(CharacterizeArguments, arguments, "characterize")
-    config = chosen.characterization
-    if chosen.mask_image is not None:
-        drawn = config.optics.mask
-        mask = StripeMask.from_png(
-            chosen.mask_image, stripes=drawn.stripes, fov_rad=drawn.fov_rad, edge_roughness=drawn.edge_roughness
-        )
-        config = replace(config, optics=replace(config.optics, mask=mask))
-    if chosen.mask_route is not None:
-        mask = fabricated(config.optics.mask, chosen.mask_route, config.optics.mask.edge_seed)
-        config = replace(config, optics=replace(config.optics, mask=mask))
+    config = chosen.characterization.with_mask(chosen.mask_image, chosen.mask_route)
+
+    from laploop.studies.characterization.figure import draw_characterization  # slow to import
+    from laploop.studies.characterization.run import as_csv, as_markdown, characterise, profiles_as_csv
+
     with OutputFolder(chosen.out, "characterize") as folder:
         with progress_bar("distances", len(config.measured_mm)) as advance_to:
             found = characterise(config, advance_to)

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -13,10 +13,10 @@ from laploop.cli.dataset import PAIRS, verify_dataset
 from laploop.cli.output import OutputFolder, plain
 from laploop.cli.parsing import parse
 from laploop.errors import InvalidValueError
-from laploop.perception.data.pair_store import PairStore
-from laploop.studies.acquisition.card import measure_pairs, summarise, write_card
 from laploop.studies.acquisition.config import AcquisitionConfig
-from laploop.studies.acquisition.run import calibration_config, collect_pairs, open_or_create
+
+if TYPE_CHECKING:
+    from laploop.perception.data.pair_store import PairStore
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,15 +43,15 @@ def main(arguments: Sequence[str]) -> int:
         return verify_dataset(chosen.verify)
     if chosen.out is None:
         raise InvalidValueError("--out", None, "a folder for the data set, or --verify and a data set")
+
+    from laploop.perception.data.pair_store import PairStore
+    from laploop.studies.acquisition.run import collect_pairs  # slow to import
+
     config = chosen.acquisition
     with OutputFolder(chosen.out, "collect") as folder:
         path = folder.path / PAIRS
         before = PairStore.open(path).count_done() if path.exists() else 0
-        if not path.exists() and chosen.calibration is None:
-            with progress_bar("views of the calibration board", calibration_config(config).pictures) as progress:
-                open_or_create(config, path, progress=progress)
-        with progress_bar("pairs", config.pairs) as report:
-            collect_pairs(config, path, calibration=chosen.calibration, report=report)
+        collect_pairs(config, path, calibration=chosen.calibration, progress=progress_bar)
         store = PairStore.open(path)
         summary = _describe(store, folder)
         size_mb = 1e-6 * sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
@@ -71,8 +71,9 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _describe(store: PairStore, folder: OutputFolder) -> dict[str, Any]:
+def _describe(store: "PairStore", folder: OutputFolder) -> dict[str, Any]:
     """Write card, figures and statistics, and return the statistics."""
+    from laploop.studies.acquisition.card import measure_pairs, summarise, write_card
     from laploop.studies.acquisition.figure import draw_examples, draw_statistics
 
     statistics = measure_pairs(store)

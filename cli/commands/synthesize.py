@@ -5,17 +5,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import tyro
 
-from laploop.cli.console import ResultTable
+from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.dataset import FRAMES, verify_dataset
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
 from laploop.errors import InvalidValueError
-from laploop.perception.data.frame_store import FrameStore
-from laploop.perception.data.store import SPLITS
-from laploop.studies.training_frames import TrainingFramesConfig, render_training_frames
+from laploop.studies.synthesis.config import TrainingFramesConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,21 +37,26 @@ def main(arguments: Sequence[str]) -> int:
         return verify_dataset(chosen.verify)
     if chosen.out is None:
         raise InvalidValueError("--out", None, "a folder for the data set, or --verify and a data set")
+
+    from laploop.perception.data.frame_store import FrameStore
+    from laploop.studies.synthesis.run import render_training_frames  # slow to import
+
+    config = chosen.frames
     with OutputFolder(chosen.out, "synthesize") as folder:
         path = folder.path / FRAMES
         before = FrameStore.open(path).count_done() if path.exists() else 0
-        render_training_frames(chosen.frames, path)
+        with progress_bar("frames", config.frames) as report:
+            render_training_frames(config, path, report=report)
         store = FrameStore.open(path)
-        tissues = {name: len(np.unique(store.tissue_seed[store.split == number])) for number, name in enumerate(SPLITS)}
-        with_tool = int(store.tool_in_view.sum())
+        tissues, with_tool = store.tissues_by_split(), int(store.tool_in_view.sum())
         results = {
             "frames": len(store),
             "frames_rendered_now": len(store) - before,
             "frames_with_tool": with_tool,
             "tissues": tissues,
         }
-        folder.write_summary(results, config=chosen, seed=chosen.frames.seed)
-    table = ResultTable(f"data set, seed {chosen.frames.seed}")
+        folder.write_summary(results, config=chosen, seed=config.seed)
+    table = ResultTable(f"data set, seed {config.seed}")
     table.row("frames", str(len(store)), f"{with_tool} with the instrument in view")
     for name, count in tissues.items():
         table.row(f"tissues, {name}", str(count))

@@ -171,6 +171,10 @@ class Store:
             raise InvalidValueError(name, 0, "1 or more; finish the data set")
         return chosen
 
+    def tissues_by_split(self) -> dict[str, int]:
+        """Return the number of tissues of each split."""
+        return {name: len(np.unique(self.tissue_seed[self.split == number])) for number, name in enumerate(SPLITS)}
+
     def verify(self, indices: Iterable[int]) -> None:
         """Read all arrays of some frames and compare them with their checksums.
 

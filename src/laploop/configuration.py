@@ -30,9 +30,13 @@ from pydantic_core import to_json
 
 from laploop.errors import InvalidValueError, LaploopError, UnknownNameError
 
-__all__ = ["Field", "allowed", "alternatives", "configuration", "field_docs", "from_plain", "to_plain"]
+__all__ = ["Field", "Seed", "Workers", "allowed", "alternatives", "configuration", "field_docs", "from_plain", "to_plain"]
 
 T = TypeVar("T")
+
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+Workers = Annotated[int, Field(ge=1, le=256)]
+"""Number of processes."""
 
 _CONFIG = ConfigDict(strict=True, allow_inf_nan=False, extra="forbid", validate_default=True, arbitrary_types_allowed=True)
 

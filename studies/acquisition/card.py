@@ -59,7 +59,7 @@ def summarise(store: PairStore, statistics: PairStatistics) -> dict[str, Any]:
     of_split = {name: store.split == number for number, name in enumerate(SPLITS)}
     return {
         "pairs": {name: int(chosen.sum()) for name, chosen in of_split.items()},
-        "tissues": {name: len(np.unique(store.tissue_seed[chosen])) for name, chosen in of_split.items()},
+        "tissues": store.tissues_by_split(),
         "pairs_with_tool": int(store.tool_in_view.sum()),
         "calibration": {
             "error_px": store.calibration.error_px,

@@ -1,58 +1,51 @@
 """The plan of an automated acquisition: how many pairs of how many tissues, where the stage goes, and who is tested on what."""
 
-import json
 import math
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import field, replace
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from laploop.assets.ranges import Span
+from laploop.assets.ranges import Span, check_ordered
 from laploop.assets.tissue_config import TissueConfig
+from laploop.configuration import Field, Seed, Workers, configuration, to_plain
 from laploop.envs.sensors.optics.presets import OpticsRanges
-from laploop.errors import InvalidValueError, UnknownNameError, check_range
+from laploop.errors import InvalidValueError
 from laploop.perception.data.store import SPLITS
+from laploop.studies.calibration.config import CalibrationConfig, Views
 from laploop.studies.scenes.optical_bench import OpticalBench
 
-ENGINES = ("process", "ray")
 _STREAM = 83
 """Keeps the random numbers apart from those of other studies, whose seeds are small integers too."""
 _SHARES = (26, 4, 8)
 """Tissues for training, validation and testing, of 38."""
 
+Distance = Annotated[float, Field(ge=0.04, le=0.3)]
+Level = Annotated[float, Field(ge=0.01, le=1.0)]
+Count = Annotated[int, Field(ge=0, le=100_000)]
 
-@dataclass(frozen=True, kw_only=True)
+
+@configuration
 class StageRanges:
     """Where the stage goes: the paper's working range and moderate surface poses."""
 
-    working_distance_m: Span[float] = (0.060, 0.140)
+    working_distance_m: Span[Distance] = (0.060, 0.140)
     """From the scope to the mean height of the tissue; the positions of a tissue are spread evenly over it."""
-    shift_m: float = 0.020
+    shift_m: Annotated[float, Field(ge=0.0, le=0.1)] = 0.020
     """Largest sideways shift, along either axis."""
-    tilt_rad: float = math.radians(10.0)
+    tilt_rad: Annotated[float, Field(ge=0.0, le=0.5)] = math.radians(10.0)
     """Largest tilt of the stage; the turntable goes to any angle."""
-    repeatability_m: float = 5e-6
-    repeatability_rad: float = math.radians(0.005)
+    repeatability_m: Annotated[float, Field(ge=0.0, le=1e-3)] = 5e-6
+    repeatability_rad: Annotated[float, Field(ge=0.0, le=0.02)] = math.radians(0.005)
     """Standard deviation, along and about each axis, between commanded and reached pose: a good motorised stage."""
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range.
-        """
-        low, high = self.working_distance_m
-        if not 0.04 <= low <= high <= 0.3:
-            raise InvalidValueError("working_distance_m", (low, high), "0.04 m <= low <= high <= 0.3 m")
-        check_range("shift_m", self.shift_m, 0.0, 0.1)
-        check_range("tilt_rad", self.tilt_rad, 0.0, 0.5)
-        check_range("repeatability_m", self.repeatability_m, 0.0, 1e-3)
-        check_range("repeatability_rad", self.repeatability_rad, 0.0, 0.02)
+        """Check that the range is not empty."""
+        check_ordered(self)
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class AcquisitionConfig:
     """A collection of stripe frames paired with captures of the reference camera.
 
@@ -60,54 +53,46 @@ class AcquisitionConfig:
     what is left over. A tissue is in one split only.
     """
 
-    pairs: int = 722
-    tissues: int = 38
+    pairs: Annotated[int, Field(ge=1, le=1_000_000)] = 722
+    tissues: Annotated[int, Field(ge=1, le=100_000)] = 38
     """Fewer where there are fewer pairs."""
-    split_tissues: tuple[int, int, int] | None = None
+    split_tissues: tuple[Count, Count, Count] | None = None
     """Tissues for training, validation and testing; by default 26 : 4 : 8, each at least one where there are three."""
-    tool_share: float = 0.0
-    """Share of the pairs with the instrument in view; the paper's phantom was alone."""
-    seed: int = 0
-    workers: int = 2
-    engine: str = "process"
-    """Who does the work: processes of this machine, or tasks of a Ray cluster; the pairs are the same."""
-    calibration_views: int = 20
+    tool_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """Fraction of the pairs with the instrument in view; the paper's phantom was alone."""
+    seed: Seed = 0
+    workers: Workers = 2
+    """Processes that take the pairs, which do not depend on their number."""
+    engine: Literal["process", "ray"] = "process"
+    """What does the work: processes of this machine, or tasks of a Ray cluster; the pairs are the same."""
+    calibration_views: Views = 20
     """Views of the board for the calibration at the start, where none is given."""
     bench: OpticalBench = field(default_factory=OpticalBench)
     stage: StageRanges = field(default_factory=StageRanges)
     optics: OpticsRanges = field(default_factory=OpticsRanges)
     """Surfaces, blur and noise, drawn anew for every tissue around the bench's preset; its `light` is not used."""
-    exposure_level: Span[float] = (0.25, 0.45)
-    """The light is set once for a tissue, so that its brightest parts in the middle of the range reach this share of what the
-    sensor holds: the nearest positions come close to saturation."""
+    exposure_level: Span[Level] = (0.25, 0.45)
+    """The light is set once for a tissue, so that its brightest parts in the middle of the range reach this fraction of what
+    the sensor holds: the nearest positions come close to saturation."""
     tissue: TissueConfig = field(default_factory=TissueConfig)
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a field lies outside its range, or the split does not add up.
-            UnknownNameError: If there is no such engine.
-        """
-        for name, high in (("pairs", 1_000_000), ("tissues", 100_000), ("workers", 256)):
-            check_range(name, getattr(self, name), 1, high)
-        check_range("tool_share", self.tool_share, 0.0, 1.0)
-        check_range("calibration_views", self.calibration_views, 5, 1000)
-        if not 0.0 < self.exposure_level[0] <= self.exposure_level[1] <= 1.0:
-            raise InvalidValueError("exposure_level", self.exposure_level, "0 < low <= high <= 1")
-        if self.seed < 0:
-            raise InvalidValueError("seed", self.seed, "an integer from 0")
-        if self.engine not in ENGINES:
-            raise UnknownNameError("engine", self.engine, ENGINES)
+        """Check the split against the tissues, and that every tissue is grown from its seed."""
+        if not self.exposure_level[0] <= self.exposure_level[1]:
+            raise InvalidValueError("exposure_level", self.exposure_level, "low <= high")
         if self.tissue.mesh is not None:
             raise InvalidValueError(
                 "tissue.mesh", self.tissue.mesh, "none: every tissue of a collection is grown from its seed"
             )
-        if self.split_tissues is not None:
-            counts = tuple(self.split_tissues)
-            if len(counts) != len(SPLITS) or min(counts) < 0 or sum(counts) != self.tissue_count:
-                allowed = f"three numbers from 0 on (train, val, test) that add up to the {self.tissue_count} tissues"
-                raise InvalidValueError("split_tissues", counts, allowed)
+        if self.split_tissues is not None and sum(self.split_tissues) != self.tissue_count:
+            allowed = f"three numbers from 0 on (train, val, test) that add up to the {self.tissue_count} tissues"
+            raise InvalidValueError("split_tissues", self.split_tissues, allowed)
+
+    @property
+    def calibration(self) -> CalibrationConfig:
+        """What is calibrated before a collection: both cameras and the transform, over the whole image."""
+        bench = replace(self.bench, reference=replace(self.bench.reference, region=None))
+        return CalibrationConfig(views=self.calibration_views, seed=self.seed, bench=bench, projector=False, hand_eye=False)
 
     @property
     def tissue_count(self) -> int:
@@ -162,67 +147,4 @@ class AcquisitionConfig:
     @property
     def recipe(self) -> dict[str, Any]:
         """What decides the pairs' content, as JSON has it."""
-        values = asdict(self)
-        for name in ("workers", "engine"):
-            del values[name]
-        plain: dict[str, Any] = json.loads(json.dumps(values))
-        return plain
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class StagePose:
-    """Where the stage is sent."""
-
-    working_distance_m: float
-    shift_m: tuple[float, float]
-    yaw_rad: float
-    tilt_rad: float
-    tilt_direction_rad: float
-    world_from_stage: NDArray[np.float64]
-    """4x4, of the middle of the stage's upper face."""
-
-
-def draw_stage_pose(
-    ranges: StageRanges, *, share: tuple[float, float], nominal_distance_m: float, height_m: float, rng: np.random.Generator
-) -> StagePose:
-    """Draw a pose whose working distance lies in a part of the range.
-
-    Args:
-        ranges: The ranges.
-        share: Beginning and end of the part, 0 to 1.
-        nominal_distance_m: From the scope to the world's origin.
-        height_m: Mean height of the tissue above the stage; the pose turns about the tissue's middle at this height.
-        rng: Source of the numbers.
-    """
-    low, high = ranges.working_distance_m
-    distance = low + (high - low) * float(rng.uniform(*share))
-    x, y = (float(value) for value in rng.uniform(-ranges.shift_m, ranges.shift_m, size=2))
-    yaw, direction = (float(value) for value in rng.uniform(-math.pi, math.pi, size=2))
-    tilt = float(rng.uniform(0.0, ranges.tilt_rad))
-    return StagePose(
-        working_distance_m=distance,
-        shift_m=(x, y),
-        yaw_rad=yaw,
-        tilt_rad=tilt,
-        tilt_direction_rad=direction,
-        world_from_stage=_pose(
-            np.array([x, y, nominal_distance_m - distance]),
-            (
-                Rotation.from_rotvec([tilt * math.cos(direction), tilt * math.sin(direction), 0.0])
-                * Rotation.from_rotvec([0.0, 0.0, yaw])
-            ).as_matrix(),
-            height_m,
-        ),
-    )
-
-
-def home_pose(ranges: StageRanges, *, nominal_distance_m: float, height_m: float) -> NDArray[np.float64]:
-    """Return the pose, 4x4, that every motion starts from: the middle of the range, level."""
-    return _pose(np.array([0.0, 0.0, nominal_distance_m - sum(ranges.working_distance_m) / 2.0]), np.eye(3), height_m)
-
-
-def _pose(middle: NDArray[np.float64], rotation: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:
-    pose = np.eye(4)
-    pose[:3, :3] = rotation
-    pose[:3, 3] = middle - height_m * rotation[:, 2]
-    return pose
+        return {name: value for name, value in to_plain(self).items() if name not in {"workers", "engine"}}

@@ -1,8 +1,8 @@
 """Collects stripe frames paired with captures of the reference camera, as the automated program of the paper does."""
 
 import hashlib
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -10,16 +10,23 @@ from laploop.errors import OutputError
 from laploop.perception.calibration.calibration_file import load_calibration
 from laploop.perception.data.pair_store import PairStore
 from laploop.studies.acquisition.config import AcquisitionConfig
+from laploop.studies.acquisition.ray import collect_with_ray, ray_cluster
 from laploop.studies.acquisition.station import collect_tissue, reference_optics
-from laploop.studies.calibration.run import CalibrationConfig, calibrate_bench
+from laploop.studies.calibration.run import calibrate_bench
 from laploop.workers import run_in_workers
 
-Report = Callable[[int], None]
-"""Is told how many pairs are done so far."""
+Progress = Callable[[str, float], AbstractContextManager[Callable[[float], None]]]
+"""Takes what is counted and how many there are; the block is given a function to call with how many are done."""
+
+
+@contextmanager
+def no_progress(_what: str, _total: float) -> Iterator[Callable[[float], None]]:
+    """Show nothing."""
+    yield lambda _: None
 
 
 def collect_pairs(
-    config: AcquisitionConfig, out: Path, *, calibration: Path | None = None, report: Report | None = None
+    config: AcquisitionConfig, out: Path, *, calibration: Path | None = None, progress: Progress = no_progress
 ) -> Path:
     """Collect pairs into the Zarr store `out` and return its path; goes on where an earlier run was stopped.
 
@@ -30,49 +37,40 @@ def collect_pairs(
         config: The plan.
         out: Where the store is or will be.
         calibration: A file with the calibration to use; by default the bench is calibrated first.
-        report: Is told the progress.
+        progress: Shows the progress of the calibration and of the pairs.
 
     Raises:
         OutputError: If `out` cannot be written, or holds a collection of another configuration or calibration.
-        MissingFileError: If there is no such calibration.
-        InvalidValueError: If the calibration is not valid, or `out` is a data set of another format.
+        MissingFileError: If there is no such calibration, or no Ray for the engine of that name.
+        InvalidValueError: If the calibration is not valid.
+        DatasetError: If `out` is a damaged data set, or one of another format.
+        WorkerError: If the workers or the cluster cannot be started.
         SimulationError: If a tissue does not settle.
     """
-    report = report or (lambda _: None)
-    store = open_or_create(config, out, calibration=calibration)
-    done = store.done()
-    report(int(done.sum()))
-    tissues = sorted({int(tissue) for tissue in config.tissue_of_pair[~done]})
-    if config.engine == "ray":
-        from laploop.studies.acquisition.ray import collect_with_ray
+    with ray_cluster(config.workers) if config.engine == "ray" else nullcontext():
+        store = _open_or_create(config, out, calibration, progress)
+        done = store.done()
+        tissues = sorted({int(tissue) for tissue in config.tissue_of_pair[~done]})
+        with progress("pairs", config.pairs) as report:
 
-        collect_with_ray(config, out, tissues, lambda: report(store.count_done()))
-    elif config.workers == 1:
-        for tissue in tissues:
-            collect_tissue(config, out, tissue, lambda: report(store.count_done()))
-    else:
+            def written(*_: int) -> None:
+                report(store.count_done())
 
-        def written(*_: int) -> None:
-            report(store.count_done())
-
-        run_in_workers(partial(collect_tissue, config, out), tissues, config.workers, written, waiting=written)
-    report(store.count_done())
+            written()
+            if config.engine == "ray":
+                collect_with_ray(config, out, tissues, written)
+            elif config.workers == 1:
+                for tissue in tissues:
+                    collect_tissue(config, out, tissue, written)
+            else:
+                run_in_workers(partial(collect_tissue, config, out), tissues, config.workers, written, waiting=written)
+            written()
     return out
 
 
-def open_or_create(
-    config: AcquisitionConfig,
-    out: Path,
-    *,
-    calibration: Path | None = None,
-    progress: Callable[[float], None] | None = None,
-) -> PairStore:
-    """Open the store of an earlier run of the same plan, or calibrate and make a new one.
-
-    Arguments and errors as for `collect_pairs`; `progress` is told the number of calibration views taken, up to
-    `calibration_config(config).pictures`.
-    """
-    given = load_calibration(calibration) if calibration is not None else None
+def _open_or_create(config: AcquisitionConfig, out: Path, calibration: Path | None, progress: Progress) -> PairStore:
+    """Open the store of an earlier run of the same plan, or calibrate and make a new one."""
+    given = None if calibration is None else load_calibration(calibration)
     recipe = {**config.recipe, "calibration_file_sha256": None if calibration is None else _file_hash(calibration)}
     if out.exists():
         store = PairStore.open(out, writable=True)
@@ -83,23 +81,21 @@ def open_or_create(
             )
         store.remove_left_behind()
         return store
+    intrinsics = reference_optics(config).intrinsics
+    if given is None:
+        with progress("views of the calibration board", config.calibration.pictures) as report:
+            given = calibrate_bench(config.calibration, report).stereo
     return PairStore.create(
         out,
         optics=config.bench.scope,
-        reference_intrinsics=reference_optics(config).intrinsics,
+        reference_intrinsics=intrinsics,
         true_scope_from_reference=config.bench.scope_from_reference,
-        calibration=given or calibrate_bench(calibration_config(config), progress).stereo,
+        calibration=given,
         tissue_seed=config.tissue_of_pair,
         split=config.split_of_pair,
         tool_in_view=config.tool_in_view,
         config=recipe,
     )
-
-
-def calibration_config(config: AcquisitionConfig) -> CalibrationConfig:
-    """Return what is calibrated before a collection: both cameras and the transform, over the whole image."""
-    bench = replace(config.bench, reference=replace(config.bench.reference, region=None))
-    return CalibrationConfig(views=config.calibration_views, seed=config.seed, bench=bench, projector=False, hand_eye=False)
 
 
 def _file_hash(path: Path) -> str:

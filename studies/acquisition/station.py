@@ -18,7 +18,8 @@ from laploop.envs.sensors.reference.optics import ReferenceOptics
 from laploop.envs.sensors.stripe_capture import StripeCapture
 from laploop.perception.data.pair_store import PairFrame, PairStore, reproject_by
 from laploop.perception.geometry import invert_transform, transform_points
-from laploop.studies.acquisition.config import AcquisitionConfig, StagePose, draw_stage_pose, home_pose
+from laploop.studies.acquisition.config import AcquisitionConfig
+from laploop.studies.acquisition.stage_pose import StagePose, draw_stage_pose, home_pose
 from laploop.studies.scenes.frame_conditions import CameraPose, FrameRanges, draw_tool
 from laploop.studies.scenes.moving_bench import REFERENCE_SEES, SCOPE_SEES, BenchScene
 from laploop.studies.scenes.optical_bench import OpticalBench

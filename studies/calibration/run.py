@@ -1,20 +1,20 @@
 """The bench's calibration as on a real bench, and how far it is from the truth, which only a simulator knows."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.assets.calibration_board import CalibrationBoard, blank_card
+from laploop.assets.calibration_board import blank_card
 from laploop.envs.sensors.reference.camera import ReferenceCamera
-from laploop.errors import InvalidValueError, check_range
 from laploop.perception.calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
 from laploop.perception.calibration.joint import JointCalibration, calibrate_jointly
 from laploop.perception.calibration.projector import CalibratedRig, ProjectorCalibration, calibrate_projector, calibrated_rig
-from laploop.perception.calibration.results import CameraCalibration, StereoCalibration, check_view_count
+from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
 from laploop.perception.calibration.solve import calibrate_camera
 from laploop.perception.geometry import invert_transform
+from laploop.studies.calibration.config import CalibrationConfig
 from laploop.studies.calibration.hand_eye_views import take_hand_eye_views
 from laploop.studies.calibration.views import (
     BoardStand,
@@ -26,7 +26,6 @@ from laploop.studies.calibration.views import (
     is_lit,
     take_view,
 )
-from laploop.studies.scenes.optical_bench import OpticalBench
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -35,60 +34,6 @@ _FACTORY_DEPTHS_M = (0.45, 0.75)
 _OWN_TILT_DEG = 35.0
 _PAIR_TILT_DEG = 30.0
 _CARD_MM = 100.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class CalibrationConfig:
-    """Which pictures are taken.
-
-    `views` counts the pictures of each step: the scope's own of the board; the reference camera's of a large board, which
-    stand for its maker's calibration; pairs that both cameras take; the card under the stripes, in the poses of the pairs;
-    and those at poses of the arm.
-    """
-
-    views: int = 20
-    """Pictures in each step."""
-    seed: int = 0
-    """Of the poses and the sensors' noise."""
-    bench: OpticalBench = field(default_factory=OpticalBench)
-    board: CalibrationBoard = field(
-        default_factory=lambda: CalibrationBoard(columns=10, rows=9, square_mm=5.0, border_mm=5.0, edge_mm=0.7)
-    )
-    """Of the scope and the pairs; 72 corners in the place of the 42 that squares of 7 mm give."""
-    factory_board: CalibrationBoard = field(
-        default_factory=lambda: CalibrationBoard(columns=11, rows=10, square_mm=22.0, border_mm=22.0, edge_mm=0.8)
-    )
-    """Of the reference camera's own pictures; fills its field."""
-    own_depths_m: tuple[float, float] = (0.065, 0.11)
-    """Nearest and farthest of the board in the scope's own pictures."""
-    pair_depths_m: tuple[float, float] = (0.07, 0.13)
-    """The same, from the scope, in the pairs."""
-    projector: bool = True
-    """Calibrate the projector as well."""
-    hand_eye: bool = True
-    """Calibrate the scope on the arm as well."""
-    joint_noise_rad: float = 0.0
-    """Standard deviation of the joint angles that the arm tells."""
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If there are too few views, or a number is out of range.
-        """
-        check_view_count(self.views)
-        if self.seed < 0:
-            raise InvalidValueError("seed", self.seed, "0 or more")
-        for name in ("own_depths_m", "pair_depths_m"):
-            near, far = getattr(self, name)
-            if not 0.03 <= near < far <= 0.3:
-                raise InvalidValueError(name, (near, far), "0.03 <= near < far <= 0.3")
-        check_range("joint_noise_rad", self.joint_noise_rad, 0.0, 0.1)
-
-    @property
-    def pictures(self) -> int:
-        """How many views are taken in all; the progress counts up to it."""
-        return self.views * (3 + self.projector + self.hand_eye)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

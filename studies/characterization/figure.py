@@ -5,7 +5,8 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
-from laploop.studies.characterization.run import FIGURE_DISTANCES_MM, Characterization, StripeProfile
+from laploop.studies.characterization.config import FIGURE_DISTANCES_MM
+from laploop.studies.characterization.run import Characterization, StripeProfile
 from laploop.studies.figure_style import BLUE, GREY, RED, draw_grid, figure_page
 
 

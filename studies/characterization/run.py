@@ -4,14 +4,13 @@ import csv
 import io
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from laploop.assets.dof_target import DepthOfFieldTarget
-from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.optics.presets import optics_preset
@@ -20,9 +19,7 @@ from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Intrinsics, Rig
-
-FIGURE_DISTANCES_MM = (70, 100)
-"""Those whose images and profiles are shown."""
+from laploop.studies.characterization.config import FIGURE_DISTANCES_MM, CharacterizationConfig
 
 _ROI_SCALE_MM = (5.0, 45.0)
 _ROI_HALF_HEIGHT_MM = 4.0
@@ -31,38 +28,6 @@ _LEAST_SPACING = 0.6
 _LEAST_PROMINENCE = 0.03
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, kw_only=True)
-class CharacterizationConfig:
-    """Which scope looks at which distances."""
-
-    preset: str = "paper"
-    """Optical model: ideal, paper or worst."""
-    distances_mm: tuple[int, ...] = tuple(range(50, 151, 10))
-    """From the camera to the middle mark; 70 and 100 mm are always measured."""
-    seed: int = 0
-    """Of the sensor's noise."""
-    optics: ScopeOptics = field(default_factory=ScopeOptics)
-
-    def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a distance or the seed is out of range.
-            UnknownNameError: If there is no such preset.
-        """
-        optics_preset(self.preset)
-        for distance in self.distances_mm:
-            if not 50 <= distance <= 300:
-                raise InvalidValueError("distances_mm", distance, "50 (nearer, the target reaches out of the light) to 300")
-        if self.seed < 0:
-            raise InvalidValueError("seed", self.seed, "0 or more")
-
-    @property
-    def measured_mm(self) -> tuple[int, ...]:
-        """All distances that are measured, nearest first."""
-        return tuple(sorted({*self.distances_mm, *FIGURE_DISTANCES_MM}))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,11 +2,13 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.assets.ranges import Span
+from laploop.assets.ranges import Span, check_ordered
+from laploop.configuration import Field, configuration
 from laploop.envs.sensors.optics.presets import OpticsRanges, draw_light, randomised_surfaces
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.errors import InvalidValueError
@@ -14,45 +16,50 @@ from laploop.errors import InvalidValueError
 Array = NDArray[np.float64]
 
 _TRIES = 1000
+_CLEAR_FRACTION = 0.6
+"""Of the distance at which the camera's axis would pass the most tilted shaft; lobes come nearer than the mean height."""
 
 
-@dataclass(frozen=True, kw_only=True)
+Distance = Annotated[float, Field(ge=0.03, le=0.3)]
+ToolTilt = Annotated[float, Field(ge=0.0, le=1.4)]
+HoverHeight = Annotated[float, Field(ge=0.0, le=0.1)]
+PressDepth = Annotated[float, Field(ge=0.0, le=0.006)]
+
+
+@configuration
 class FrameRanges(OpticsRanges):
-    """Ranges, each drawn from evenly unless it says otherwise.
+    """Ranges, drawn from evenly unless stated otherwise.
 
     In half of the frames the light is multiplied by the squared distance as well, as an automatic exposure does.
     """
 
-    working_distance_m: Span[float] = (0.055, 0.150)
+    working_distance_m: Span[Distance] = (0.055, 0.150)
     """From the camera to the mean height of the tissue."""
-    usual_distance_m: Span[float] = (0.070, 0.110)
+    usual_distance_m: Span[Distance] = (0.070, 0.110)
     """Half of the frames are taken from here, where the loop works."""
-    shift_m: float = 0.020
+    shift_m: Annotated[float, Field(ge=0.0, le=0.05)] = 0.020
     """Largest sideways shift of the tissue, along either axis."""
-    tilt_rad: float = math.radians(10.0)
+    tilt_rad: Annotated[float, Field(ge=0.0, le=0.6)] = math.radians(10.0)
     """Largest tilt of the tissue against the camera."""
-    tool_tilt_rad: Span[float] = (math.radians(28.0), math.radians(58.0))
+    tool_tilt_rad: Span[ToolTilt] = (math.radians(28.0), math.radians(58.0))
     """Angle between the instrument's shaft and the camera's axis."""
-    tool_azimuth_rad: float = math.radians(40.0)
+    tool_azimuth_rad: Annotated[float, Field(ge=0.0, le=3.15)] = math.radians(40.0)
     """Most instruments come in from the camera's right, up to this angle off; one in five from anywhere."""
-    tool_clearance_m: float = 0.025
+    tool_clearance_m: Annotated[float, Field(ge=0.0, le=0.1)] = 0.025
     """Least distance between the middle of the shaft and the camera."""
-    hover_m: Span[float] = (0.0, 0.045)
+    hover_m: Span[HoverHeight] = (0.0, 0.045)
     """Height of a hovering tip above the tissue; squared distribution, so that low heights are frequent."""
-    press_m: Span[float] = (0.0005, 0.0035)
+    press_m: Span[PressDepth] = (0.0005, 0.0035)
     """How far a pressing tip goes beyond the resting surface; one instrument in four presses."""
 
     def __post_init__(self) -> None:
-        """Check the distances and the light; the optics check themselves.
-
-        Raises:
-            InvalidValueError: If a range of distances or of light is empty or not positive.
-        """
-        super().__post_init__()
-        for name in ("working_distance_m", "usual_distance_m"):
-            low, high = getattr(self, name)
-            if not 0.02 < low <= high:
-                raise InvalidValueError(name, (low, high), "0.02 m < low <= high")
+        """Check that no range is empty, and that there is space for the instrument beside the camera."""
+        check_ordered(self)
+        nearest = min(self.working_distance_m[0], self.usual_distance_m[0])
+        largest = _CLEAR_FRACTION * nearest * math.sin(self.tool_tilt_rad[1])
+        if self.tool_clearance_m > largest:
+            allowed = f"at most {largest:.3g} with this working_distance_m and tool_tilt_rad"
+            raise InvalidValueError("tool_clearance_m", self.tool_clearance_m, allowed)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -95,16 +102,18 @@ def draw_tool(
 ) -> ToolPose:
     """Draw an instrument whose tip is in view, on or above one of the `surface` points (n, 3), its shaft clear of the scope.
 
-    Raises:
-        InvalidValueError: If the ranges leave no room for such an instrument.
+    Where a lobe leaves no space for that, the one that comes farthest from the camera of all tries stays.
     """
+    tried = []
     for _ in range(_TRIES):
         tool = _try_tool(ranges, camera, surface, tip_radius_m=tip_radius_m, rng=rng)
         to_camera = camera.world_from_camera[:3, 3] - tool.tip
         outward = max(0.0, float(-tool.axis @ to_camera))
-        if np.linalg.norm(to_camera + outward * tool.axis) >= ranges.tool_clearance_m:
+        distance = float(np.linalg.norm(to_camera + outward * tool.axis))
+        if distance >= ranges.tool_clearance_m:
             return tool
-    raise InvalidValueError("tool_clearance_m", ranges.tool_clearance_m, "less, or a larger working distance")
+        tried.append((distance, tool))
+    return max(tried, key=lambda found: found[0])[1]
 
 
 def _try_tool(
@@ -124,8 +133,8 @@ def _try_tool(
         tip = surface[touched] + axis * rng.uniform(*ranges.press_m)
     else:
         low, high = ranges.hover_m
-        room = max(low, min(high, in_camera[touched, 2] - 0.035))
-        tip = surface[touched] - rotation[:, 2] * (tip_radius_m + low + (room - low) * rng.random() ** 2)
+        highest = max(low, min(high, in_camera[touched, 2] - 0.035))
+        tip = surface[touched] - rotation[:, 2] * (tip_radius_m + low + (highest - low) * rng.random() ** 2)
     return ToolPose(tip=tip, axis=axis, presses=presses)
 
 

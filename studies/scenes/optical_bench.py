@@ -1,19 +1,23 @@
 """The paper's bench: the scope looks straight down, the reference camera from the side; the stage moves what they look at."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
+from laploop.configuration import Field, configuration
 from laploop.envs.sensors.optics.presets import optics_preset
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
-from laploop.envs.sensors.reference.camera import ReferenceCamera, lateral_mount
 from laploop.envs.sensors.reference.optics import ReferenceOptics, Sampling
-from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.errors import check_range
 from laploop.perception.geometry import Rig, invert_transform
+
+if TYPE_CHECKING:
+    from laploop.envs.sensors.reference.camera import ReferenceCamera
+    from laploop.envs.sensors.stripe_camera import StripeCamera
 
 Array = NDArray[np.float64]
 
@@ -22,7 +26,10 @@ def _full_sampling() -> ReferenceOptics:
     return ReferenceOptics(sampling="full")
 
 
-@dataclass(frozen=True, kw_only=True)
+Preset = Literal["ideal", "paper", "worst"]
+
+
+@configuration
 class OpticalBench:
     """Two cameras that are fixed to a table; tissue and calibration board move on a stage below them.
 
@@ -31,23 +38,16 @@ class OpticalBench:
     """
 
     scope: ScopeOptics = field(default_factory=ScopeOptics)
-    preset: str = "paper"
-    """Optical model of the scope: ideal, paper or worst."""
+    preset: Preset = "paper"
+    """Optical model of the scope."""
     reference: ReferenceOptics = field(default_factory=_full_sampling)
-    nominal_distance_m: float = 0.095
+    nominal_distance_m: Annotated[float, Field(ge=0.03, le=0.3)] = 0.095
     """From the scope to the world's origin: the middle of the paper's working range."""
-    reference_distance_m: float = 0.6
+    reference_distance_m: Annotated[float, Field(ge=0.1, le=10.0)] = 0.6
     """From the reference camera to the world's origin."""
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a distance lies outside its range.
-            UnknownNameError: If there is no such preset.
-        """
-        optics_preset(self.preset)
-        check_range("nominal_distance_m", self.nominal_distance_m, 0.03, 0.3)
+        """Check that the reference camera sees the origin."""
         check_range("reference_distance_m", self.reference_distance_m, self.reference.near_m, self.reference.far_m)
 
     @property
@@ -65,6 +65,8 @@ class OpticalBench:
     @property
     def world_from_reference(self) -> Array:
         """Pose of the reference camera, 4x4: on the world's -y side, looking at the origin."""
+        from laploop.envs.sensors.reference.camera import lateral_mount  # loads Warp
+
         return lateral_mount([0.0, 0.0, 0.0], distance_m=self.reference_distance_m)
 
     @property
@@ -77,19 +79,23 @@ class OpticalBench:
         """Camera and projector channel of the scope."""
         return Rig.from_optics(self.scope)
 
-    def scope_camera(self, *, clear_mask: bool = False, threads: int | None = None) -> StripeCamera:
+    def scope_camera(self, *, clear_mask: bool = False, threads: int | None = None) -> "StripeCamera":
         """Make the scope's camera; attach a scene to it.
 
         Args:
-            clear_mask: Put a window in the place of the stripes, for pictures in even light.
+            clear_mask: Replace the stripes by a window, for pictures in even light.
             threads: See `StripeCamera`.
         """
+        from laploop.envs.sensors.stripe_camera import StripeCamera  # loads Warp
+
         scope = (
             replace(self.scope, mask=StripeMask(profile=(1.0,), fov_rad=self.scope.mask.fov_rad)) if clear_mask else self.scope
         )
         return StripeCamera(Rig.from_optics(scope), self.optics, threads=threads)
 
-    def reference_camera(self, *, sampling: Sampling | None = None, threads: int | None = None) -> ReferenceCamera:
+    def reference_camera(self, *, sampling: Sampling | None = None, threads: int | None = None) -> "ReferenceCamera":
         """Make the reference camera, at the bench's sampling or another; attach a scene to it."""
+        from laploop.envs.sensors.reference.camera import ReferenceCamera  # loads Warp
+
         optics = self.reference if sampling is None else replace(self.reference, sampling=sampling)
         return ReferenceCamera(optics, threads=threads)

@@ -26,5 +26,5 @@ def test_calibrate_writes_a_file_that_can_be_loaded_and_tells_the_residuals(tmp_
 def test_too_few_views_leave_nothing_behind(tmp_path, capsys):
     folder = tmp_path / "new"
     assert main(["calibrate", "--views", "4", "--out", str(folder)]) == EXIT_BAD_INPUT
-    assert "number of views is 4; allowed: at least 5" in capsys.readouterr().err
+    assert "views is 4; allowed: an integer, 5 to 1000" in capsys.readouterr().err
     assert not folder.exists()

@@ -61,9 +61,9 @@ def test_a_printed_mask_costs_little_contrast(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--preset", "best"], "ideal, paper, worst"),
+        (["--preset", "best"], "worst"),
         (["--mask-image", "no-such-mask.png"], "no-such-mask.png"),
-        (["--distances-mm", "5"], "distances_mm is 5"),
+        (["--distances-mm", "5"], "distances_mm.0 is 5; allowed: an integer, 50 to 300"),
         (["--mask-route", "printed", "--optics.mask.profile", "0", "1"], "edge_wander is 0.02"),
     ],
 )

@@ -86,7 +86,7 @@ def test_bad_input_ends_with_status_2_and_a_message(out, calibration, tmp_path, 
         (["--verify", str(tmp_path / "nothing")], "laploop collect"),
         ([*SMALL, "--pairs", "4", *there], "another configuration"),
         ([*SMALL, "--split-tissues", "1", "1", "2", "--out", str(tmp_path / "new")], "add up to the 3 tissues"),
-        ([*SMALL, "--engine", "slurm", "--out", str(tmp_path / "new")], "process, ray"),
+        ([*SMALL, "--engine", "slurm", "--out", str(tmp_path / "new")], "ray"),
         ([*SMALL, "--out", "/proc/laploop"], "cannot write"),
     ):
         assert main(["collect", *arguments]) == 2

@@ -5,16 +5,20 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import nullcontext, suppress
 from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
 from laploop.assets.tissue_config import TissueConfig, TissueMaterial, TissueShape
 from laploop.envs.sensors.reference.optics import ReferenceOptics
-from laploop.errors import DatasetError, MissingFileError, OutputError, SimulationError
+from laploop.errors import DatasetError, MissingFileError, OutputError, SimulationError, WorkerError
 from laploop.perception.calibration.calibration_file import save_calibration
 from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
 from laploop.perception.data.check import check_dataset
@@ -165,6 +169,10 @@ def test_processes_make_the_same_pairs_as_one(store, tmp_path, calibration):
     _assert_same(path, store)
 
 
+def _reporting_to(report):
+    return lambda _what, _total: nullcontext(report)
+
+
 def test_pair_does_not_depend_on_those_before_it(store, tmp_path, calibration):
     reports = []
 
@@ -178,11 +186,11 @@ def test_pair_does_not_depend_on_those_before_it(store, tmp_path, calibration):
 
     path = tmp_path / "pairs"
     with pytest.raises(Interruption):
-        collect_pairs(SMALL, path, calibration=calibration, report=interrupt)
+        collect_pairs(SMALL, path, calibration=calibration, progress=_reporting_to(interrupt))
     assert PairStore.open(path).count_done() == 5
     for lost in ("1", "4"):
         (path / "checksum" / f"c.{lost}.0").unlink()
-    collect_pairs(SMALL, path, calibration=calibration, report=reports.append)
+    collect_pairs(SMALL, path, calibration=calibration, progress=_reporting_to(reports.append))
     assert reports == [0, 1, 2, 3, 4, 5, 3, 4, 5, 6, 7, 7]
     _assert_same(path, store)
 
@@ -232,19 +240,69 @@ def test_killed_collection_goes_on_to_the_same_pairs(store, tmp_path, calibratio
     assert check_dataset(PairStore.open(path)).passed
 
 
+needs_ray = pytest.mark.skipif(find_spec("ray") is None, reason="needs the extra ray")
+"""Ray must be imported by what starts it, which tells it where to listen."""
+
+
+def _listening(pid):
+    """Return the hexadecimal addresses at which a process and all that it started listen."""
+    inodes = {}
+    for table in ("tcp", "tcp6"):
+        rows = [line.split() for line in Path("/proc/net", table).read_text().splitlines()[1:]]
+        inodes |= {row[9]: row[1].partition(":")[0] for row in rows if row[3] == "0A"}
+    found = set()
+    for process in (psutil.Process(pid), *psutil.Process(pid).children(recursive=True)):
+        with suppress(psutil.Error, OSError):
+            links = [str(link.readlink()) for link in Path(f"/proc/{process.pid}/fd").iterdir()]
+            found |= {inodes[link[8:-1]] for link in links if link.startswith("socket:[") and link[8:-1] in inodes}
+    return found
+
+
 @pytest.mark.slow
-def test_ray_makes_the_same_pairs(store, tmp_path, calibration, monkeypatch):
-    pytest.importorskip("ray")
+@needs_ray
+def test_ray_makes_the_same_pairs_and_listens_to_this_machine_alone(store, tmp_path, calibration, monkeypatch):
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
-    path = collect_pairs(replace(SMALL, engine="ray", workers=2), tmp_path / "pairs", calibration=calibration)
+    addresses = set()
+    path = collect_pairs(
+        replace(SMALL, engine="ray", workers=2),
+        tmp_path / "pairs",
+        calibration=calibration,
+        progress=_reporting_to(lambda _: addresses.update(_listening(os.getpid()))),
+    )
     _assert_same(path, store)
     assert os.environ["RAY_USAGE_STATS_ENABLED"] == "0"
+    # 127.0.0.1, alone and as an address of IPv6, as Linux writes them.
+    assert addresses == {"0100007F", "0000000000000000FFFF00000100007F"}
 
 
-def test_missing_ray_is_an_error_that_names_the_extra(tmp_path, calibration, monkeypatch):
+@pytest.fixture
+def no_calibration(monkeypatch):
+    def fail(*_):
+        raise AssertionError("the bench is calibrated although no pair can be collected")
+
+    monkeypatch.setattr(acquisition, "calibrate_bench", fail)
+
+
+def test_missing_ray_is_an_error_that_names_the_extra_before_any_work(tmp_path, no_calibration, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(MissingFileError, match=r"laploop\[ray\]"):
-        collect_pairs(replace(SMALL, engine="ray"), tmp_path / "pairs", calibration=calibration)
+        collect_pairs(replace(SMALL, engine="ray"), tmp_path / "pairs")
+
+
+@needs_ray
+def test_cluster_that_cannot_be_reached_or_started_is_an_error_before_any_work(tmp_path, no_calibration, monkeypatch):
+    monkeypatch.setenv("RAY_ADDRESS", "127.0.0.1:1")
+    with pytest.raises(WorkerError, match=r"cannot reach the Ray cluster at 127\.0\.0\.1:1: .*refused"):
+        collect_pairs(replace(SMALL, engine="ray"), tmp_path / "pairs")
+    monkeypatch.delenv("RAY_ADDRESS")
+
+    def fail(**_):
+        raise TimeoutError("no space in /dev/shm\nand more")
+
+    monkeypatch.setattr("ray.init", fail)
+    with pytest.raises(WorkerError, match=r"cannot start a Ray cluster: no space in /dev/shm$"):
+        collect_pairs(replace(SMALL, engine="ray"), tmp_path / "pairs")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_tissue_that_does_not_settle_is_an_error(tmp_path, calibration):

@@ -9,9 +9,9 @@ from laploop.assets.dof_target import DepthOfFieldTarget
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.perception.geometry import Rig
+from laploop.studies.characterization.config import CharacterizationConfig
 from laploop.studies.characterization.figure import draw_characterization
 from laploop.studies.characterization.run import (
-    CharacterizationConfig,
     as_csv,
     as_markdown,
     characterise,

@@ -14,7 +14,8 @@ from laploop.perception.geometry import Rig
 from laploop.studies.scenes.frame_conditions import FrameRanges, draw_camera
 from laploop.studies.scenes.hard_conditions import ill_exposure, place_large_tool
 from laploop.studies.scenes.training_scene import TrainingScene
-from laploop.studies.training_frames import TrainingFramesConfig, render_training_frames
+from laploop.studies.synthesis.config import TrainingFramesConfig
+from laploop.studies.synthesis.run import render_training_frames
 
 OPTICS = ScopeOptics(width=64, height=64, mask=StripeMask(stripes=10))
 TINY = TrainingFramesConfig(
@@ -23,15 +24,7 @@ TINY = TrainingFramesConfig(
 
 
 def _render(folder, **changes):
-    return FrameStore.open(render_training_frames(replace(TINY, **changes), folder / "frames", progress=False))
-
-
-def test_recipe_of_usual_frames_is_that_of_data_sets_made_before_there_were_others():
-    older = {"train_tissues", "val_tissues", "test_tissues", "frames_per_tissue", "tool_share", "seed", "ranges"}
-    assert set(TINY.recipe) == older
-    assert set(replace(TINY, large_tool_share=0.2).recipe) == {*older, "large_tool_share"}
-    assert set(replace(TINY, randomised_scopes=0.2).recipe) == {*older, "randomised_scopes", "scope_ranges"}
-    assert set(replace(TINY, randomised_appearances=0.2).recipe) == {*older, "randomised_appearances", "appearance_ranges"}
+    return FrameStore.open(render_training_frames(replace(TINY, **changes), folder / "frames"))
 
 
 def test_only_tissues_that_were_drawn_have_patches_and_nothing_else_changes(tmp_path):

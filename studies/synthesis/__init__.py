@@ -1,0 +1,1 @@
+"""Renders the frames that networks learn from, with exact depth."""
