@@ -71,9 +71,9 @@ MUTATIONS = (
     ),
     Mutation(
         name="trocar-constraint-dropped",
-        file="control/arm/step_qp.py",
-        before="self._inequalities, self._equalities = begin, end - begin",
-        after="self._inequalities, self._equalities = begin, 0",
+        file="control/arm/rcm_controller.py",
+        before="self._constraints = [self._trocar_task, *constraints]",
+        after="self._constraints = [*constraints]",
         tests=("tests/control/arm/test_rcm_controller.py",),
     ),
     Mutation(
@@ -91,7 +91,14 @@ MUTATIONS = (
         tests=("tests/perception/test_metrics.py",),
     ),
     Mutation(
-        name="force-in-the-true-cameras-frame",
+        name="observed-force-in-the-true-cameras-frame",
+        file="envs/tasks/task_env.py",
+        before="bounded(known.contact_force_in_camera,",
+        after="bounded(self.loop.theatre.world_from_camera()[:3, :3].T @ self.loop.reading().contact_force_in_world,",
+        tests=("tests/envs/loop/test_closed_loop.py",),
+    ),
+    Mutation(
+        name="known-force-in-the-true-cameras-frame",
         file="envs/loop/closed_loop.py",
         before="contact_force_in_camera=camera_from_world[:3, :3] @",
         after="contact_force_in_camera=self.theatre.world_from_camera()[:3, :3].T @",

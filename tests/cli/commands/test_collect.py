@@ -1,4 +1,5 @@
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -58,7 +59,8 @@ def test_folder_holds_the_data_set_its_card_and_a_summary(out):
         assert (out / figure).read_bytes().startswith(b"\x89PNG")
 
 
-def test_same_command_again_collects_nothing_anew(out, calibration):
+def test_same_command_again_collects_nothing_anew(out, calibration, tmp_path):
+    out = shutil.copytree(out, tmp_path / "copy")
     before = PairStore.open(out / "pairs.zarr").frame(1)
     assert main(["collect", *SMALL, "--calibration", str(calibration), "--out", str(out)]) == 0
     assert json.loads((out / "summary.json").read_text())["pairs_collected_now"] == 0

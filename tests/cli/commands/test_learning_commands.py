@@ -1,4 +1,5 @@
 import json
+import shutil
 import subprocess
 import sys
 
@@ -127,9 +128,10 @@ def test_help_imports_nothing_heavy(command):
     subprocess.run([sys.executable, "-P", "-c", code], check=True, capture_output=True)  # noqa: S603 - our own text
 
 
-def test_train_resumes(dataset, trained):
-    assert main(["train", "--dataset", str(dataset), "--epochs", "2", "--batch", "2", "--resume", "--out", str(trained)]) == 0
-    assert summary_of(trained)["epoch"] == 2
+def test_train_resumes(dataset, trained, tmp_path):
+    out = shutil.copytree(trained, tmp_path / "copy")
+    assert main(["train", "--dataset", str(dataset), "--epochs", "2", "--batch", "2", "--resume", "--out", str(out)]) == 0
+    assert summary_of(out)["epoch"] == 2
 
 
 def test_evaluate_tabulates_every_estimator(dataset, trained, tmp_path):

@@ -185,6 +185,9 @@ def test_a_controller_feels_the_force_along_the_axes_of_the_camera_that_it_belie
     # The two cameras are turned by about 0.17 rad, root sum square of three axes; 10 N then differ by a newton or more.
     assert np.linalg.norm(known.contact_force_in_camera - true[:3, :3].T @ down) > 0.5
     assert known.contact_force_n == pytest.approx(10.0)
+    # What is observed is what controllers know; newtons in single precision.
+    observation, *_ = env.step(STILL)
+    np.testing.assert_allclose(observation["contact_force"], nominal[:3, :3].T @ down, atol=1e-5)
 
 
 def test_all_that_a_controller_knows_comes_from_the_kinematics_that_it_believes_in(task_env):
@@ -234,5 +237,5 @@ def test_a_closed_loop_that_was_closed_does_not_go_on(task_env):
     env = task_env("reach")
     env.reset(seed=3)
     env.loop.close()
-    with pytest.raises(SimulationError, match=r"call reset\(\) first"):
+    with pytest.raises(SimulationError, match="no episode is running"):
         env.loop.advance(STILL)

@@ -51,14 +51,14 @@ def terms_of(task, info, before):
     return {"centre": near(info["centre_share"], 0.1), "distance": near(info["distance_error_mm"], 10.0)}
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("task", TASKS.names())
 def test_terms_are_those_of_the_tasks_page_times_their_weights(task_env, monkeypatch, task):
     env = task_env(task)
     _, before = env.reset(seed=3)
     monkeypatch.setattr(Theatre, "contact_force_in_world", lambda _: np.array([0.0, 0.0, PUSH_N]))
     action = np.array([0.01, -0.02, 0.02], np.float32)
     _, reward, *_, info = env.step(action)
-    effort = 0.03 / env.config.max_tip_speed
+    effort = 0.03 / env.config.max_tip_speed_mps
     expected = terms_of(task, info, before) | common(env, info, effort)
     weights = {name: getattr(env.config.rewards, name) for name in expected}
     assert info["reward_terms"] == pytest.approx({name: weights[name] * value for name, value in expected.items()})
@@ -68,7 +68,7 @@ def test_terms_are_those_of_the_tasks_page_times_their_weights(task_env, monkeyp
 
 
 def test_weights_reward_what_helps_and_punish_what_harms(task_env):
-    for task in TASKS:
+    for task in TASKS.names():
         rewards = task_env(task).config.rewards
         assert all(value > 0.0 for value in vars(rewards).values()), task
 

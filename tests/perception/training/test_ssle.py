@@ -60,7 +60,7 @@ def _ssle(dataset, out, **options):
 
 
 def test_short_training_overfits_eight_frames_to_under_a_millimetre(dataset, tmp_path):
-    schedule = Schedule(epochs=90, batch=8, learning_rate=2e-2, final_learning_rate=1e-5, per_step=True)
+    schedule = Schedule(epochs=70, batch=8, learning_rate=2e-2, final_learning_rate=1e-5, per_step=True)
     config = replace(DUAL, depth=replace(DUAL.depth, base=16))
     training = DualUNetTraining(schedule=schedule)
     _train("dual-unet", dataset, tmp_path / "out", config, training)
