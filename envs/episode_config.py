@@ -1,11 +1,12 @@
 """What an episode is: one tree of configuration, and the few options that people change most."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
-from pydantic import JsonValue, PlainValidator, SerializeAsAny
+from pydantic import AfterValidator, JsonValue, PlainValidator, SerializeAsAny
 from pydantic_core import PydanticCustomError
 
 from laploop.configuration import Field, configuration, from_plain
@@ -27,6 +28,19 @@ OWN = "own"
 T = TypeVar("T")
 
 
+def _finite(value: JsonValue) -> JsonValue:
+    """Refuse what JSON does not know: a configuration goes through files."""
+    try:
+        json.dumps(value, allow_nan=False)
+    except ValueError:
+        raise PydanticCustomError("plain", "plain data whose numbers are finite") from None
+    return value
+
+
+PlainArguments = Annotated[dict[str, JsonValue], AfterValidator(_finite)]
+"""Arguments of a user's object, by name."""
+
+
 @configuration
 class PerceptionConfig:
     """The depth estimator."""
@@ -35,7 +49,7 @@ class PerceptionConfig:
     """compact (network), phase (classical demodulation), oracle (exact depth), another network, or module:Class."""
     weights: Path | None = None
     """Weights file (.safetensors) of a network, in place of the shipped one."""
-    arguments: dict[str, JsonValue] = Field(default_factory=dict)
+    arguments: PlainArguments = Field(default_factory=dict)
     """Further arguments of the estimator, by name."""
 
     def __post_init__(self) -> None:
@@ -53,7 +67,7 @@ class ControllerConfig:
 
     name: str = OWN
     """own (the task's scripted controller), the name of another, or module:Class."""
-    arguments: dict[str, JsonValue] = Field(default_factory=dict)
+    arguments: PlainArguments = Field(default_factory=dict)
     """Further arguments of the controller, by name; of a scripted one, fields of its configuration."""
 
     def __post_init__(self) -> None:
@@ -73,7 +87,7 @@ class PredictorConfig:
     name: str = OWN
     """own (rate for reach, rhythms for the others), none (holds the newest measurement), rate (extrapolates at the latest
     rate), rhythms (learns breathing and heartbeat), or module:Class."""
-    arguments: dict[str, JsonValue] = Field(default_factory=dict)
+    arguments: PlainArguments = Field(default_factory=dict)
     """Further arguments of the predictor, by name."""
 
     def __post_init__(self) -> None:
@@ -93,6 +107,8 @@ def _task(value: object) -> TaskConfig:
     """Take the configuration of a task as it is, or as a file holds it; its field `kind` says which task."""
     if isinstance(value, Mapping):
         kind = value.get("kind", "reach")
+        if not isinstance(kind, str):
+            raise InvalidValueError("kind", kind, f"the name of a task: {', '.join(TASKS.names())}")
         return from_plain(task_spec(kind).config_class, value)
     if not isinstance(value, TaskConfig) or not isinstance(value, task_spec(value.kind).config_class):
         raise PydanticCustomError("task", "the configuration of a task")

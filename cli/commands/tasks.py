@@ -29,8 +29,8 @@ class TasksArguments:
 
     Writes `tasks.md`, `tasks.csv`, a `trials.csv` for each campaign in a folder of its name, and `summary.json`. Finished
     episodes are kept: the same command resumes where it was stopped. The table says which targets are met; the exit status is 1
-    only if an episode could not be run.
-    A configuration file and options such as --loop.camera-hz change the episodes of all campaigns.
+    only if an episode could not be run. A configuration file and options such as --loop.camera-hz change the episodes of all
+    campaigns.
     """
 
     table: tyro.conf.OmitArgPrefixes[TaskTableConfig] = field(default_factory=TaskTableConfig)

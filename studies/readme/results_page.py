@@ -127,10 +127,9 @@ def _trials_table(summaries: Sequence[Mapping[str, Any]]) -> str:
         "|---|---|---|---|---|---|---|---|",
     ]
     for summary in summaries:
-        episode = summary["config"]["trials"]["episode"]
         error, rcm = summary["final_error_mm"], summary["rcm_error_mm"]
         lines.append(
-            f"| `{episode['perception']}` | {episode['motion'] or 'still'} | {summary['episodes']} | "
+            f"| `{summary['perception']}` | {summary['motion']} | {summary['episodes']} | "
             f"{100 * summary['success_rate']:.0f} % | {error['mean']:.2f} mm | "
             f"{error['max']:.2f} mm | {summary['contact_force_n']['max']:.2f} N | "
             f"{max(rcm.values()):.3f} mm |"
