@@ -104,7 +104,7 @@ class PredictorConfig:
 
 
 def _task(value: object) -> TaskConfig:
-    """Take the configuration of a task as it is, or as a file holds it; its field `kind` says which task."""
+    """Take the configuration of a task as it is, or as a file holds it; its field `kind` names the task."""
     if isinstance(value, Mapping):
         kind = value.get("kind", "reach")
         if not isinstance(kind, str):
@@ -206,7 +206,7 @@ class EpisodeOptions:
     """Closed surface to be the tissue instead of a seeded one: .stl, .obj or .ply, millimetres, z up, 20-200 mm a side."""
 
     def episode(self) -> EpisodeConfig:
-        """Return the episode of the task as it is by default, but for these options.
+        """Return the default episode of the task with these options in place.
 
         Raises:
             LaploopError: If a value is not allowed.

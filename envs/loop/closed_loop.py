@@ -133,7 +133,7 @@ class ClosedLoop:
         rates = self.config
         with self.timer.measure("control"):
             rotation = self.scope.world_from_camera()[:3, :3]
-            # Each shaft keeps clear of the other, from where that one's robot believes it to be.
+            # Each shaft keeps clear of the other, where that one's nominal kinematics put it.
             self._tool_controller.set_other_shaft(self.scope.tip_pose_in_world(), self.scope.model.shaft)
             wanted = rotation @ tip_velocity_in_camera
             if self._scope_controller is None:
@@ -143,8 +143,8 @@ class ClosedLoop:
             self.watch.commanded("tool", qdot)
             if self._scope_controller is not None:
                 self._scope_controller.set_other_shaft(self.tool.tip_pose_in_world(), self.tool.model.shaft)
-                asked = np.zeros(3) if scope_velocity_in_camera is None else rotation @ scope_velocity_in_camera
-                wanted = self._within_reach(self.scope, self._scope_controller, asked)
+                requested = np.zeros(3) if scope_velocity_in_camera is None else rotation @ scope_velocity_in_camera
+                wanted = self._within_reach(self.scope, self._scope_controller, requested)
                 q, qdot = self._scope_controller.step(wanted, rates.control_s)
                 self.scope.command(q, qdot)
                 self.watch.commanded("camera", qdot)
@@ -158,7 +158,7 @@ class ClosedLoop:
         for remaining in reversed(range(rates.physics_steps_per_control)):
             with self.timer.measure("physics"):
                 self.theatre.step()
-                # MuJoCo leaves poses one step old; whoever looks at them gets fresh ones.
+                # MuJoCo leaves poses one step old; whoever reads them gets fresh ones.
                 if remaining == 0 or self.now_ns % rates.camera_ns == 0:
                     self.theatre.refresh()
             self.timer.complete("physics")
@@ -197,7 +197,7 @@ class ClosedLoop:
 
     @property
     def status_reason(self) -> str:
-        """What kept the last step of the moved arm from going as asked; empty while it goes as asked."""
+        """What kept the moved arm from following its last command; empty while it follows."""
         reasons = self._out_of_reach, (self._scope_controller or self._tool_controller).last_reason
         return ", ".join(filter(None, reasons))
 
@@ -215,7 +215,7 @@ class ClosedLoop:
         return self._injector.action(action, self.now_ns)
 
     def tip_velocity_of_joints(self, qdot: Array) -> Array:
-        """Return the velocity of the moved arm's tip, (3,) m/s along the camera's axes, that joint velocities ask for.
+        """Return the velocity of the moved arm's tip, (3,) m/s along the camera's axes, that joint velocities produce.
 
         The joint velocities, (6,) rad/s, are first replaced by the nearest ones that leave the shaft on its trocar. The roll
         about the shaft stays with the arm's posture.
@@ -229,7 +229,7 @@ class ClosedLoop:
         return self._injector.reading(self._proprioception.read(), self.now_ns)
 
     def control_input(self, target_pixel: Array) -> ControlInput:
-        """Gather all that a tip controller may know, but for what its task alone knows.
+        """Gather everything that a tip controller may know, except what only its task knows.
 
         Raises:
             SimulationError: If no episode is running.

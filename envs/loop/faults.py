@@ -1,4 +1,4 @@
-"""What can go wrong with the sensors, at times of one's choosing: for tests, and for controllers that must bear it."""
+"""Failures of sensors and controllers at chosen times, for tests and for controllers that must survive them."""
 
 import math
 from dataclasses import replace
@@ -31,7 +31,7 @@ OUT_OF_REACH = "target out of reach: the shaft goes no deeper into its trocar"
 """Why the tip is held back while the tissue cannot be reached."""
 
 _BRAKING_MPS2 = 0.5
-"""With which a shaft comes to rest at the end of its way; the arm's controller can twice that."""
+"""Deceleration of a shaft at the end of its way; the arm's controller can do twice that."""
 
 
 @configuration
@@ -39,7 +39,7 @@ class Fault:
     """One fault and when it lasts, in simulated time.
 
     - `perception-stops`: no depth frame captured in this time arrives.
-    - `depth-jump`: the first depth frame captured in this time is `jump_m` too deep.
+    - `depth-jump`: the first depth frame captured in this time is too deep by `jump_m`.
     - `depth-invalid`: no pixel of the depth frames captured in this time is valid.
     - `late-frame`: the first frame captured in this time arrives at its end, after newer ones.
     - `target-hidden`: nothing is valid within `radius_px` of the target, and its marker is not seen.
@@ -73,7 +73,7 @@ class Fault:
             raise InvalidValueError("end_s", self.end_s, f"above start_s ({self.start_s:g})")
 
     def active(self, now_ns: int) -> bool:
-        """Say whether the fault lasts at a time."""
+        """Return whether the fault is active at a time."""
         return self.start_s <= now_ns * 1e-9 < self.end_s
 
 
@@ -88,7 +88,7 @@ class FaultInjector:
         self._stops: dict[Fault, float] = {}
 
     def active(self, now_ns: int) -> tuple[str, ...]:
-        """Return the kinds of the faults that last at a time."""
+        """Return the kinds of the faults that are active at a time."""
         return tuple(fault.kind for fault in self._faults if fault.active(now_ns))
 
     def depth_frames(self, frames: list[ServedFrame], markers: dict[int, Array | None], now_ns: int) -> list[ServedFrame]:
@@ -122,10 +122,10 @@ class FaultInjector:
         return action
 
     def velocity(self, velocity: Array, axis: Array, insertion_m: float, period_s: float, now_ns: int) -> tuple[Array, str]:
-        """Return the velocity of the tip that is possible, (3,) m/s, and what holds the tip back; empty if nothing does.
+        """Return the possible velocity of the tip, (3,) m/s, and what holds it back; empty if nothing does.
 
         Args:
-            velocity: What is asked for, (3,).
+            velocity: The commanded one, (3,).
             axis: (3,), unit, along the shaft from the trocar to the tip, in the same frame.
             insertion_m: From the trocar to the tip.
             period_s: For how long the velocity counts.

@@ -1,4 +1,4 @@
-"""What an arm's kinematics and the hand-eye calibration get wrong; off by default, drawn once from a seed."""
+"""Errors of the arms' kinematics and of the hand-eye calibration; off by default, drawn once from a seed."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -14,18 +14,18 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DrawnErrors:
-    """One robot's errors. What is believed comes from encoders, drawings and calibration; the simulator knows the truth."""
+    """One robot's errors: nominal values come from encoders, drawings and calibration, true ones from the simulator."""
 
     joint_offsets_rad: Array
-    """(6,), true minus believed joint angles."""
+    """(6,), true minus nominal joint angles."""
     tip_offset_m: Array
-    """(3,), true minus believed tip, in the frame of the shaft."""
+    """(3,), true minus nominal tip, in the frame of the shaft."""
     camera_from_nominal: Array
-    """4x4, the believed camera frame seen from the true one."""
+    """4x4, the nominal camera frame seen from the true one."""
 
-    def true_joints(self, believed: Array) -> Array:
-        """Return the angles that joints have, (6,), where the robot believes them to be at `believed`."""
-        return np.asarray(believed + self.joint_offsets_rad)
+    def true_joints(self, nominal: Array) -> Array:
+        """Return the true joint angles, (6,), for nominal ones."""
+        return np.asarray(nominal + self.joint_offsets_rad)
 
     def nominal_joints(self, true: Array) -> Array:
         """Return what the encoders read, (6,)."""
@@ -36,7 +36,7 @@ class DrawnErrors:
         return np.asarray(tip - world_from_shaft[:3, :3] @ self.tip_offset_m)
 
     def nominal_camera(self, world_from_camera: Array) -> Array:
-        """Return the believed pose of the camera, 4x4, in the world."""
+        """Return the nominal pose of the camera, 4x4, in the world."""
         return np.asarray(world_from_camera @ self.camera_from_nominal)
 
 

@@ -23,7 +23,7 @@ _HOLDER_RADIUS_M = 0.020
 
 @dataclass(kw_only=True)
 class MotionExtremes:
-    """The worst of an episode, over both arms and all physics steps; a share of 1 is at the limit."""
+    """The worst of an episode, over both arms and all physics steps; 1 is at the limit."""
 
     joint_position_share: float = 0.0
     """Joint angle over the arm's limit, from the simulator's state."""
@@ -34,7 +34,7 @@ class MotionExtremes:
     command_acceleration_share: float = 0.0
     """Change of the commanded joint velocity in a control period over what the controller's limit of acceleration allows."""
     shaft_room_mm: float = math.inf
-    """Least room between the surfaces of the two shafts."""
+    """Least clearance between the surfaces of the two shafts."""
     wall_room_mm: float = math.inf
     """Least of the tips' depths below the wall and of the holders' heights above it."""
     collision_steps: int = 0
@@ -46,7 +46,7 @@ class MotionExtremes:
 
 
 class LimitMonitor:
-    """Keeps the extremes of an episode; it looks at the theatre and changes nothing."""
+    """Keeps the extremes of an episode; reads the theatre and changes nothing."""
 
     def __init__(self, theatre: Theatre, models: Mapping[str, ArmModel], config: RcmControllerConfig, control_s: float) -> None:
         """Start an episode.
@@ -103,5 +103,5 @@ class LimitMonitor:
         return float(np.linalg.norm(apart)) - radii
 
 
-def _most(shares: Array) -> float:
-    return float(np.abs(shares).max())
+def _most(fractions: Array) -> float:
+    return float(np.abs(fractions).max())

@@ -1,4 +1,4 @@
-"""What the robots believe of themselves: kinematics with errors, between the theatre's truth and the controllers."""
+"""Nominal kinematics: what the robots compute, with their errors, between the theatre's truth and the controllers."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 class MiscalibratedArm:
     """One arm as its own kinematics see it; without errors, exactly as it is.
 
-    The trocar is what the arm was taught when it was docked at the start of the episode: the place on its believed shaft
+    The trocar is what the arm was taught when it was docked at the start of the episode: the point of its nominal shaft
     that lies as deep as the true trocar on the true one. So errors cause no jump, and show as soon as the arm moves.
     """
 
@@ -31,7 +31,7 @@ class MiscalibratedArm:
             self.trocar_in_world = transform_points(self._nominal_from_true(), arm.trocar_in_world)
 
     def command(self, q: Array, qdot: Array) -> None:
-        """Tell the servos where to be by the believed angles, (6,) rad, and how fast to go on, (6,) rad/s."""
+        """Send the servos targets: nominal joint angles, (6,) rad, and velocities, (6,) rad/s."""
         self._theatre.set_joint_targets(self._arm, q if self._errors is None else self._errors.true_joints(q), qdot)
 
     def shaft_axis_in_world(self) -> Array:
@@ -45,11 +45,11 @@ class MiscalibratedArm:
         return pose if self._errors is None else self._nominal_from_true() @ pose
 
     def tip_velocity_of_joints(self, q: Array, qdot: Array) -> Array:
-        """Return the velocity of the tip, (3,) m/s in the world, that joint velocities make once they respect the trocar.
+        """Return the velocity of the tip, (3,) m/s in the world, that joint velocities produce once they respect the trocar.
 
         With x the tip, t the trocar, and J the tip's Jacobian, the shaft's point at the trocar moves by
-        `(J_v - skew(t - x) J_w) dq`; what of it lies across the shaft must vanish, and the nearest dq for which it does is
-        the orthogonal projection onto the null space of these rows.
+        `(J_v - skew(t - x) J_w) dq`; its part across the shaft must vanish, and the nearest dq for which it does is the
+        orthogonal projection onto the null space of these rows.
 
         Args:
             q: (6,), rad.
@@ -73,12 +73,12 @@ class MiscalibratedArm:
         return q if self._errors is None else self._errors.nominal_joints(q)
 
     def _nominal_from_true(self) -> Array:
-        """Return the motion of the world, 4x4, that takes the true shaft to the believed one."""
+        """Return the motion of the world, 4x4, that takes the true shaft to the nominal one."""
         return self.model.world_from_shaft(self._nominal_joints()) @ invert_transform(self._theatre.world_from_shaft(self._arm))
 
 
 class MiscalibratedTool(MiscalibratedArm):
-    """The tool arm: what it feels of its tip, as `laploop.envs.loop.proprioception` reads it."""
+    """The tool arm: what its sensors measure of its tip, as `laploop.envs.loop.proprioception` reads it."""
 
     def __init__(self, theatre: Theatre, errors: DrawnErrors | None) -> None:
         """Take the tool arm of a theatre at time 0."""
@@ -111,6 +111,6 @@ class MiscalibratedScope(MiscalibratedArm):
         super().__init__(theatre, theatre.camera_arm, errors)
 
     def world_from_camera(self) -> Array:
-        """Return the believed pose of the camera, 4x4, computer-vision frame."""
+        """Return the nominal pose of the camera, 4x4, computer-vision frame."""
         pose = self._theatre.world_from_camera()
         return pose if self._errors is None else self._errors.nominal_camera(self._nominal_from_true() @ pose)

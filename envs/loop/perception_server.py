@@ -35,10 +35,10 @@ class _Job:
 
 
 class PerceptionServer:
-    """Serves one frame at a time; a frame that comes while it is busy waits, and a newer one takes its place.
+    """Serves one frame at a time; a frame that arrives while it is busy waits, and a newer one takes its place.
 
     So throughput and latency are both real: with a service time above the camera period, frames are dropped. The estimate
-    itself is computed on a thread of its own while physics goes on, and awaited when it is due; what it says depends on the
+    itself is computed on a thread of its own while physics goes on, and awaited when it is due; it depends on the
     image alone, so that wall-clock time never reaches the simulation.
     """
 
@@ -50,7 +50,7 @@ class PerceptionServer:
         self._job: _Job | None = None
         self._waiting: CapturedFrame | None = None
         self.dropped = 0
-        """Frames that were overtaken before their turn came."""
+        """Frames that a newer one replaced while they waited."""
         self.last_compute_s: float | None = None
         """Wall-clock time that the estimator took for the frame delivered last."""
 

@@ -1,4 +1,4 @@
-"""What the tool arm feels of itself: tip position, tip velocity and contact force, with their own delays and noise.
+"""What the tool arm measures of itself: tip position, tip velocity and contact force, with their own delays and noise.
 
 The channels are observables of dm_control's composer, which schedules, delays and corrupts them in physics steps.
 """
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 class ProprioceptiveBody(Protocol):
-    """What is needed of the simulated theatre."""
+    """What is measured."""
 
     def tip_in_world(self) -> Array:
         """Position of the tip (3,)."""
@@ -58,7 +58,7 @@ class ProprioceptiveReading:
 
 
 class _Physics:
-    """The little that an observable wants of a dm_control `Physics`."""
+    """The part of a dm_control `Physics` that an observable uses."""
 
     def __init__(self, body: ProprioceptiveBody) -> None:
         self.body = body

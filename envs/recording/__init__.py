@@ -1,1 +1,1 @@
-"""Recorders: Rerun, logs, and the protocol that both follow."""
+"""Recorders: Rerun, logs, and the base class of both."""

@@ -8,8 +8,8 @@
 | `residual` | `Box(-0.06, 0.06, (3,))` | velocity that is added to the scripted controller's |
 
 Larger values are clipped. In every mode the trocar is kept: joint velocities are replaced by the nearest ones that leave the
-shaft on its trocar, and what they do at the tip goes the way of a tip velocity, through the same quadratic program with the
-trocar as equality and all limits. The roll about the shaft stays with the arm's posture.
+shaft on its trocar, and the tip velocity that they produce then takes the usual way, through the same quadratic program with
+the trocar as equality and all limits. The roll about the shaft stays with the arm's posture.
 """
 
 from collections.abc import Callable
@@ -61,7 +61,7 @@ def checked_action(action: object, config: TaskConfig) -> Array:
 
 
 def checked_command(command: object) -> Array:
-    """Return what a tip controller answered as float64; entries that are not finite are left to the environment.
+    """Return a tip controller's command as float64; entries that are not finite are left to the environment.
 
     Raises:
         InvalidValueError: If it is not three real numbers.
@@ -84,7 +84,7 @@ class ActionInterpreter:
     """Turns the actions of an episode into velocities of the moved tip."""
 
     def __init__(self, config: TaskConfig, loop: ClosedLoop, controller: TipController | None, *, yields: bool) -> None:
-        """Take the loop that the actions act in.
+        """Prepare for the actions of a loop.
 
         Args:
             config: Action mode, bounds, and what happens without a usable command.
@@ -106,7 +106,7 @@ class ActionInterpreter:
             self._controller.reset()
 
     def velocity(self, action: Array, known: Callable[[], ControlInput]) -> Array:
-        """Return the velocity of the moved tip, (3,) m/s along the camera's axes, that an action asks for.
+        """Return the velocity of the moved tip, (3,) m/s along the camera's axes, that an action stands for.
 
         Args:
             action: As `checked_action` returns it.
@@ -134,7 +134,7 @@ class ActionInterpreter:
         return action + command if config.action_mode == "residual" else action
 
     def _held(self, known: ControlInput) -> Array:
-        """Return the velocity of a tip that nobody commands: it stands still, but lets moving tissue push it out of its way."""
+        """Return the velocity of a tip without a command: it stands still, but lets moving tissue push it out of its way."""
         axis = known.shaft_axis_in_camera
         if not self._yields or axis is None or known.contact_force_n <= self._config.yield_force_n:
             return np.zeros(3)

@@ -1,4 +1,4 @@
-"""What each of the built-in tasks asks, and in which theatre."""
+"""Configurations of the built-in tasks."""
 
 import math
 from typing import Annotated, Any, Literal
@@ -36,7 +36,7 @@ class ReachRewardWeights(RewardWeights):
 
 @configuration
 class ReachConfig(TaskConfig):
-    """What the reach task asks."""
+    """The reach task: touch a point."""
 
     kind: Literal["reach"] = "reach"
     rewards: ReachRewardWeights = Field(default_factory=ReachRewardWeights)
@@ -56,7 +56,7 @@ class TrackRewardWeights(RewardWeights):
 
 @configuration
 class TrackConfig(TaskConfig):
-    """What the tracking task asks."""
+    """The tracking task: hold a constant distance over a moving point."""
 
     kind: Literal["track"] = "track"
     rewards: TrackRewardWeights = Field(default_factory=TrackRewardWeights)
@@ -80,7 +80,7 @@ class PalpateRewardWeights(RewardWeights):
 
 @configuration
 class PalpateConfig(TaskConfig):
-    """What the palpation task asks."""
+    """The palpation task: hold a light force."""
 
     kind: Literal["palpate"] = "palpate"
     rewards: PalpateRewardWeights = Field(default_factory=PalpateRewardWeights)
@@ -152,7 +152,7 @@ class ScanRewardWeights(RewardWeights):
 
 @configuration
 class ScanConfig(TaskConfig):
-    """What the scanning task asks."""
+    """The scanning task: follow a line at a constant distance."""
 
     kind: Literal["scan"] = "scan"
     rewards: ScanRewardWeights = Field(default_factory=ScanRewardWeights)
@@ -181,7 +181,7 @@ class LookRewardWeights(RewardWeights):
 
 @configuration
 class LookConfig(TaskConfig):
-    """What the looking task asks."""
+    """The looking task: keep a moving point in the middle of the view."""
 
     kind: Literal["look"] = "look"
     rewards: LookRewardWeights = Field(default_factory=LookRewardWeights)

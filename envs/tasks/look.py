@@ -26,8 +26,8 @@ class LookEnv(TaskEnv[LookConfig]):
 
     ## Action and observation
 
-    Those of `laploop.envs.tasks.actions` and `laploop.envs.tasks.observations`, but that actions move the tip of the scope, by
-    at most 0.03 m/s along each axis of the camera; and
+    Those of `laploop.envs.tasks.actions` and `laploop.envs.tasks.observations`, except that actions move the tip of the scope,
+    by at most 0.03 m/s along each axis of the camera; and
 
     | key | space | meaning |
     |---|---|---|
@@ -48,7 +48,7 @@ class LookEnv(TaskEnv[LookConfig]):
 
     ## Info
 
-    Besides what every task says: `centre_share` (distance from the middle over the image's width), `distance_error_mm`
+    Besides the keys of every task: `centre_share` (distance from the middle over the image's width), `distance_error_mm`
     (signed, positive too far away), `in_view`.
     """
 
@@ -75,7 +75,7 @@ class LookEnv(TaskEnv[LookConfig]):
         }
 
     def control_input(self) -> ControlInput:
-        """Return all that a tip controller may know now, the working distance among it."""
+        """Return everything that a tip controller may know now, the working distance included."""
         return replace(super().control_input(), working_distance_m=self.config.working_distance_m)
 
     def target_error_mm(self) -> float:
@@ -83,7 +83,7 @@ class LookEnv(TaskEnv[LookConfig]):
         return float(np.linalg.norm(self._target_in_camera() - [0.0, 0.0, self.config.working_distance_m])) * 1e3
 
     def measure(self, *, begin: bool) -> None:
-        """Look where the target is in the view."""
+        """Measure where the target is in the view."""
         config, camera = self.config, self.loop.rig.camera
         target = self._target_in_camera()
         self._error_mm = self.target_error_mm()
@@ -100,11 +100,11 @@ class LookEnv(TaskEnv[LookConfig]):
             self._held.add(float(self._centre_share <= config.max_centre_share and off_mm <= config.max_distance_error_m * 1e3))
 
     def is_assessed(self) -> bool:
-        """Count what comes after the settling time."""
+        """Return whether the settling time is over."""
         return self.loop.now_ns > round(self.config.settle_s * 1e9)
 
     def solved_in_time(self) -> bool:
-        """Say whether the target was in its place for long enough."""
+        """Return whether the target was in its place for long enough."""
         share = self._held.mean()
         return share is not None and share >= self.config.hold_share
 

@@ -4,7 +4,7 @@
 |---|---|---|---|
 | `stripes` | `Box(0, 255, (256, 256), uint8)` | all, stripes | newest image of the stripe camera |
 | `depth_mm` | `Box(0, 250, (256, 256), float32)` | all, depth | newest depth map that has arrived; 0 where it is not valid |
-| `depth_valid` | `Box(0, 1, (256, 256), uint8)` | all, depth | where the estimator stands by its value |
+| `depth_valid` | `Box(0, 1, (256, 256), uint8)` | all, depth | where the estimator marks its depth valid |
 | `depth_age_s` | `Box(0, 10, (1,), float32)` | all, depth | time since that map's frame was captured |
 | `tip_position` | `Box(-1, 1, (3,), float32)` | every | tool tip in the camera's frame, m |
 | `tip_velocity` | `Box(-1, 1, (3,), float32)` | every | its velocity, m/s |
@@ -80,7 +80,7 @@ def depth_observation(served: ServedFrame, now_ns: int) -> Observation:
 
 
 def depth_quality(served: ServedFrame) -> tuple[float, float]:
-    """Return mean absolute error in mm and share of valid pixels, both on the tissue that the frame shows."""
+    """Return mean absolute error in mm and fraction of valid pixels, both on the tissue that the frame shows."""
     truth = served.captured.truth
     tissue = truth.object_id == ObjectId.TISSUE
     valid = tissue & served.depth.estimate.valid

@@ -21,8 +21,8 @@ class PalpateEnv(TaskEnv[PalpateConfig]):
 
     ## Action and observation
 
-    Those of `laploop.envs.tasks.actions` and `laploop.envs.tasks.observations`, and `held_share`, `Box(0, 1, (1,))`: in which
-    share of the last 3 s the force was in its band.
+    Those of `laploop.envs.tasks.actions` and `laploop.envs.tasks.observations`, and `held_share`, `Box(0, 1, (1,))`: the
+    fraction of the last 3 s in which the force was in its band.
 
     ## Reward
 
@@ -37,17 +37,17 @@ class PalpateEnv(TaskEnv[PalpateConfig]):
 
     ## Info
 
-    Besides what every task says: `mean_force_n`, `in_band`, `held_share`.
+    Besides the keys of every task: `mean_force_n`, `in_band`, `held_share`.
     """
 
     config_type: ClassVar[type[PalpateConfig]] = PalpateConfig
 
     def extra_spaces(self) -> dict[str, spaces.Box]:
-        """Return the space of the share that has been held."""
+        """Return the space of the held fraction."""
         return {"held_share": spaces.Box(0.0, 1.0, (1,), np.float32)}
 
     def extra_observation(self) -> Observation:
-        """Return the share that has been held."""
+        """Return the held fraction."""
         return {"held_share": bounded([self._held_share], 0.0, 1.0)}
 
     def target_error_mm(self) -> float:
@@ -55,7 +55,7 @@ class PalpateEnv(TaskEnv[PalpateConfig]):
         return self.touch_error_mm()
 
     def measure(self, *, begin: bool) -> None:
-        """Look whether the force is in its band, and for which share of the hold time it has been."""
+        """Measure whether the force is in its band, and for what fraction of the hold time it has been."""
         config = self.config
         self._error_mm = self.target_error_mm()
         near = self._error_mm <= config.max_miss_m * 1e3
@@ -79,7 +79,7 @@ class PalpateEnv(TaskEnv[PalpateConfig]):
         self._best_share = max(self._best_share, self._held_share)
 
     def is_assessed(self) -> bool:
-        """Count the ticks with the tip near the target and pressing."""
+        """Return whether the tip is near the target and presses."""
         return self._near and self.loop.mean_force_n > 0.0
 
     def ended_by(self) -> str | None:
@@ -105,7 +105,7 @@ class PalpateEnv(TaskEnv[PalpateConfig]):
         }
 
     def metrics(self) -> dict[str, float | None]:
-        """Return the shares held, and the mean and spread of the force over the last hold time."""
+        """Return the held fractions, and the mean and spread of the force over the last hold time."""
         return {
             "held_share_best": self._best_share,
             # Unlike the best, this counts every tick from the first one in the band to the end.

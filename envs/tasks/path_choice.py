@@ -15,9 +15,9 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _STARTS = 400
-"""So many starts are tried at most."""
+"""Largest number of starts that are tried."""
 _SHAFT_EVERY = 4
-"""Room for the shaft is looked at over every so many points of the path."""
+"""Clearance of the shaft is checked at every fourth point of the path."""
 _BESIDE_M = 0.002
 """Half the width of the strip along a path whose steepest place is compared."""
 
@@ -115,7 +115,7 @@ def _walk(
         inside = _at(fits, ahead[0])
         if not inside.any():
             return None
-        # The mean depth of what lies ahead says how high the ground is; straight on wins a tie.
+        # The mean depth ahead tells how high the ground is; straight on wins a tie.
         cost = np.nanmean(np.where(_at(fits, ahead), _values_at(depth_m, ahead), depth + 0.01), axis=0) + 1e-4 * np.abs(turns)
         best = int(np.argmin(np.where(inside, cost, np.inf)))
         heading = float(angles[best])

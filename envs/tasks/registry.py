@@ -1,6 +1,6 @@
 """The tasks by name: one entry each, from which everything else about a task is found.
 
-Nothing heavy is loaded before a task is asked for. Other packages add theirs by an entry point of the group `laploop.tasks`
+Nothing heavy is loaded before a task is used. Other packages add theirs by an entry point of the group `laploop.tasks`
 that names a `TaskSpec`.
 """
 
@@ -127,7 +127,7 @@ def environment_id(task: str) -> str:
 
 
 def task_spec(task: str) -> TaskSpec:
-    """Return what is known of a task.
+    """Return the entry of a task.
 
     Raises:
         UnknownNameError: If there is no such task.
@@ -140,7 +140,7 @@ def task_spec(task: str) -> TaskSpec:
 
 
 def default_config(task: str, **changes: Any) -> "TaskConfig":
-    """Return the configuration of a task as it is by default, but for what is changed.
+    """Return the default configuration of a task, with changes.
 
     Raises:
         LaploopError: If there is no such task, or a change is not allowed.

@@ -26,10 +26,10 @@ Array = NDArray[np.float64]
 class ScanEnv(TaskEnv[ScanConfig]):
     """Lead the ball end of the instrument 3 mm above a line that was drawn in the first frame, 60 mm long on the tissue.
 
-    The line is material: it moves with the tissue. Its foot is the point of it nearest to the tip, at most 4 mm from as far
-    as the scan has come. The stand-off is the height of the ball's lowest point above the foot along the surface's normal.
+    The line is material: it moves with the tissue. Its foot is the point of it nearest to the tip, at most 4 mm from the
+    progress of the scan. The stand-off is the height of the ball's lowest point above the foot along the surface's normal.
     The incidence is the angle between that normal and the line from the foot to the tip: a straight shaft in its trocar
-    cannot choose its direction, but its tip can look at the surface squarely. The shaft's own angle is told beside it.
+    cannot choose its direction, but its tip can face the surface squarely. `info` also has the shaft's own angle.
 
     ## Action and observation
 
@@ -61,13 +61,13 @@ class ScanEnv(TaskEnv[ScanConfig]):
 
     ## Info
 
-    Besides what every task says: `path_progress`, `standoff_error_mm`, `incidence_deg`, `shaft_incidence_deg`.
+    Besides the keys of every task: `path_progress`, `standoff_error_mm`, `incidence_deg`, `shaft_incidence_deg`.
     """
 
     config_type: ClassVar[type[ScanConfig]] = ScanConfig
     reset_options: ClassVar[tuple[str, ...]] = ("path_pixels",)
     WINDOW_M: ClassVar[float] = 0.004
-    """How far from the progress the foot is looked for."""
+    """How far from the progress the foot is searched."""
 
     def extra_spaces(self) -> dict[str, spaces.Box]:
         """Return the spaces of path and progress."""
@@ -110,7 +110,7 @@ class ScanEnv(TaskEnv[ScanConfig]):
         self._foot = self._path.at(points, 0.0)
 
     def control_input(self) -> ControlInput:
-        """Return all that a tip controller may know now, the path among it."""
+        """Return everything that a tip controller may know now, the path included."""
         return replace(super().control_input(), path_pixels=self.path_pixels)
 
     def target_offset(self) -> tuple[Array, Array, Array]:
@@ -146,7 +146,7 @@ class ScanEnv(TaskEnv[ScanConfig]):
             self._incidence.add(self._incidence_deg)
 
     def is_assessed(self) -> bool:
-        """Count what comes after the tip has reached the start of the path."""
+        """Return whether the tip has reached the start of the path."""
         return self._started
 
     def ended_by(self) -> str | None:
@@ -192,7 +192,7 @@ class ScanEnv(TaskEnv[ScanConfig]):
         return float(np.rad2deg(self.config.max_incidence_rad))
 
     def _progress(self) -> float:
-        """Return the share of the path that was scanned; its last half millimetre is given."""
+        """Return the fraction of the path that was scanned; its last half millimetre counts as scanned."""
         return min(1.0, self._along_m / max(self._path.length_m - 0.0005, 1e-6))
 
     def _height_m(self) -> float:

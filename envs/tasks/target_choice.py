@@ -42,7 +42,7 @@ def choose_target_pixel(
 def qualifying_pixels(
     capture: StripeCapture, camera: Intrinsics, trocar_in_camera: Array, config: TargetChoiceConfig
 ) -> NDArray[np.bool_]:
-    """Return which pixels, (height, width), are fair targets, but for the room that the shaft needs."""
+    """Return which pixels, (height, width), are fair targets, the shaft's clearance aside."""
     depth_m = capture.depth_mm.astype(np.float64) * 1e-3
     points = camera.rays * depth_m[..., None]
     normals = capture.normals.astype(np.float64)
@@ -59,7 +59,7 @@ def qualifying_pixels(
 
 
 def shaft_is_clear(point: Array, trocar_in_camera: Array, surface: Array, config: TargetChoiceConfig) -> bool:
-    """Say whether the tool's shaft has room over a point (3,), given points (n, 3) of the surface; the camera's frame."""
+    """Return whether the tool's shaft is clear over a point (3,), given points (n, 3) of the surface; the camera's frame."""
     to_trocar = trocar_in_camera - point
     to_trocar /= np.linalg.norm(to_trocar)
     offset = surface - point

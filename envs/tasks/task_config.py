@@ -1,4 +1,4 @@
-"""What all tasks have in common to choose."""
+"""What the configurations of all tasks have in common."""
 
 import math
 from typing import Annotated, Literal
@@ -7,13 +7,13 @@ from laploop.configuration import Field, configuration
 from laploop.envs.loop.config import LoopConfig
 
 ActionMode = Literal["tip-velocity", "tip-offset", "joint-velocity", "residual"]
-"""What an action means; `laploop.envs.tasks.actions` says it in full."""
+"""What an action means; see `laploop.envs.tasks.actions`."""
 
 ObservationMode = Literal["all", "stripes", "depth", "state"]
-"""What an observation holds; `laploop.envs.tasks.observations` says it in full."""
+"""What an observation holds; see `laploop.envs.tasks.observations`."""
 
 BadAction = Literal["raise", "hold"]
-"""What becomes of an action that is not finite: an error, or a tip that stands still for one control period and only
+"""What happens to an action that is not finite: an error, or a tip that stands still for one control period and only
 withdraws, along its shaft, from tissue that presses on it."""
 
 Weight = Annotated[float, Field(ge=-1e4, le=1e4)]
@@ -60,7 +60,7 @@ class TaskConfig:
     observation_mode: ObservationMode = "all"
     """What an observation holds."""
     bad_action: BadAction = "raise"
-    """What becomes of an action that is not finite: an error, or a tip that holds still for one control period."""
+    """What happens to an action that is not finite: an error, or a tip that holds still for one control period."""
     max_seconds: Seconds = 10.0
     """Simulated time after which an episode is truncated."""
     marker: bool = False

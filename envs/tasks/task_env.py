@@ -42,7 +42,7 @@ Info = dict[str, Any]
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 
 HARMS = ("force", "rcm")
-"""Values of `terminated_by` that tell of a passed safety limit."""
+"""Values of `terminated_by` for an exceeded safety limit."""
 
 
 class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
@@ -51,8 +51,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
     The target is a material point of the tissue: the one that the chosen pixel showed when the first frame was captured. An
     episode starts when the first depth map has arrived, so that there is always one.
 
-    A task says how its target is chosen, what it measures at every control tick, which named terms its reward has, and when
-    it is over. Everything else is here, in one order: action, loop, measurement, end, reward, record.
+    A task defines how its target is chosen, what it measures at every control tick, its own reward terms, and when it is over.
+    Everything else is here, in one order: action, loop, measurement, end, reward, record.
 
     Actions and observations: `laploop.envs.tasks.actions` and `laploop.envs.tasks.observations`.
 
@@ -85,9 +85,9 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         """Make the environment.
 
         Args:
-            config: What is asked and where.
+            config: The task, its loop and its theatre; by default the task's own.
             perception: Name of a registered estimator, or an object with `estimate`.
-            recorder: Told everything that happens.
+            recorder: Receives everything that happens.
             controller: What the action mode `residual` adds to, in place of the task's scripted controller.
 
         Raises:
@@ -124,7 +124,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         """The task's name."""
         return self.config.kind
 
-    # What a task says.
+    # What a task defines.
 
     def extra_spaces(self) -> dict[str, spaces.Box]:
         """Return the spaces of the task's own observations."""
@@ -152,23 +152,23 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         """Return the distance of the moved tip from where it should be."""
 
     def ended_by(self) -> str | None:
-        """Return why the task is over, `success` if it is solved, or None while it goes on."""
+        """Return why the task is over, `success` if it is solved, or None while it is not."""
         return None
 
     def solved_in_time(self) -> bool:
-        """Say whether a task of fixed duration is solved when its time is over."""
+        """Return whether a task of fixed duration is solved when its time is over."""
         return False
 
     @abstractmethod
     def reward_terms(self) -> dict[str, float]:
-        """Return the task's own terms of one control period, unweighted; those that all tasks share come on top."""
+        """Return the task's own terms of one control period, unweighted, without those that all tasks share."""
 
     def task_info(self) -> Info:
         """Return the task's own part of `info`."""
         return {}
 
     def assessed(self, infos: Sequence[Info]) -> Sequence[Info]:
-        """Return those ticks of an episode that its accuracy is judged by; all where the task never got so far."""
+        """Return the ticks of an episode by which its accuracy is judged; all of them if none was assessed."""
         counted = [info for info in infos if info["assessed"]]
         return counted or infos
 
@@ -176,7 +176,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         """Return the task's own results of the episode so far, by name with unit; None for what could not be measured."""
         return {}
 
-    # What is the same for all.
+    # What all tasks share.
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Build a tissue, start the loop, choose a target.
@@ -201,7 +201,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self._running = False
         theatre_rng, target_rng = self.np_random.spawn(2)
         theatre_seed = int(theatre_rng.integers(2**31)) if seed is None else int(seed)
-        # The target is chosen in the first frame, at time 0, before the loop runs on.
+        # The target is chosen in the first frame, at time 0, before the loop runs.
         self._target = None
         self.loop.reset(
             theatre_rng,
@@ -223,7 +223,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         if not self._running:
             raise SimulationError("the episode has ended or not begun; call reset() first")
         checked = checked_action(action, self.config)
-        # Whatever goes wrong from here on, an estimator that raises for example, leaves an episode that cannot go on.
+        # An error from here on, such as an estimator's, leaves an episode that cannot continue.
         self._running = False
         velocity = self._interpreter.velocity(checked, self.control_input)
         if self.moves_scope:
@@ -252,7 +252,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self.loop.close()
 
     def control_input(self) -> ControlInput:
-        """Return all that a tip controller may know now; `laploop.control.messages.TipController` takes it."""
+        """Return everything that a tip controller may know now; `laploop.control.messages.TipController` takes it."""
         known = self.loop.control_input(self.target_pixel)
         return known if self.config.marker else replace(known, marker_pixel=None)
 
@@ -318,7 +318,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         return transform_points(invert_transform(theatre.world_from_camera()), theatre.tool_arm.trocar_in_world)
 
     def target_offset(self) -> tuple[Array, Array, Array]:
-        """Return the way from the target to the tool's tip, the target's normal, and the target, each (3,), in the world."""
+        """Return the vector from the target to the tool's tip, the target's normal, and the target, each (3,), in the world."""
         points = self.loop.theatre.tissue.surface_points()
         target = self.surface_target()
         position = target.position(points)
@@ -336,7 +336,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         return max(0.0, self.loop.max_force_n - self.config.alarm_force_n)
 
     def is_assessed(self) -> bool:
-        """Say whether the task counts this tick."""
+        """Return whether this tick counts for the task's accuracy."""
         return True
 
     def _harm(self) -> str | None:

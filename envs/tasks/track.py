@@ -14,8 +14,8 @@ from laploop.envs.tasks.task_env import Info, TaskEnv
 class TrackEnv(TaskEnv[TrackConfig]):
     """Hold the ball end of the instrument 3 mm above a material point of tissue that breathes and beats.
 
-    The tip should lie the stand-off plus the ball's radius above the target along the surface's normal. What counts is the
-    error along that normal, as root mean square over the time after `settle_s`.
+    The tip should lie the stand-off plus the ball's radius above the target along the surface's normal. The error along that
+    normal is assessed, as root mean square over the time after `settle_s`.
 
     ## Action and observation
 
@@ -33,7 +33,7 @@ class TrackEnv(TaskEnv[TrackConfig]):
 
     ## Info
 
-    Besides what every task says: `normal_error_mm` (signed, positive too far away) and `lateral_error_mm`.
+    Besides the keys of every task: `normal_error_mm` (signed, positive too far away) and `lateral_error_mm`.
     """
 
     config_type: ClassVar[type[TrackConfig]] = TrackConfig
@@ -57,11 +57,11 @@ class TrackEnv(TaskEnv[TrackConfig]):
             self._lateral.add(self._lateral_error_mm)
 
     def is_assessed(self) -> bool:
-        """Count what comes after the settling time."""
+        """Return whether the settling time is over."""
         return self.loop.now_ns > round(self.config.settle_s * 1e9)
 
     def solved_in_time(self) -> bool:
-        """Say whether the error along the normal has been small enough."""
+        """Return whether the error along the normal has been small enough."""
         rms = self._normal.rms()
         return rms is not None and rms <= self.config.max_rms_m * 1e3
 

@@ -132,7 +132,7 @@ class Theatre:
         mujoco.mj_flex(self.model, self.data)
 
     def set_joint_targets(self, arm: Arm, q: Array, qdot: Array | None = None) -> None:
-        """Tell an arm's servos where to be now, (6,) rad, and how fast to go on, (6,) rad/s, for one control period.
+        """Send an arm's servos targets for one control period: angles, (6,) rad, and velocities, (6,) rad/s.
 
         Raises:
             InvalidValueError: If the arm is not of this theatre, or q or qdot is not six finite numbers.

@@ -43,7 +43,7 @@ def test_drawn_rotation_is_a_rotation():
     assert np.linalg.det(rotation) == pytest.approx(1.0, abs=1e-12)
 
 
-def test_true_and_believed_joints_are_each_others_inverse():
+def test_true_and_nominal_joints_are_each_others_inverse():
     drawn = KinematicErrors(joint_rad=0.01).draw(np.random.default_rng(2))
     q = np.arange(6.0)
     np.testing.assert_allclose(drawn.nominal_joints(drawn.true_joints(q)), q, atol=1e-12)
@@ -58,7 +58,7 @@ def test_tip_offset_turns_with_the_shaft():
     np.testing.assert_allclose(tip - drawn.nominal_tip(tip, world_from_shaft), [-y, x, z], atol=1e-15)
 
 
-def test_believed_camera_is_off_by_the_drawn_transform():
+def test_nominal_camera_is_off_by_the_drawn_transform():
     drawn = KinematicErrors(hand_eye_m=0.001).draw(np.random.default_rng(2))
     world_from_camera = np.diag([1.0, -1.0, -1.0, 1.0])
     shift = drawn.nominal_camera(world_from_camera)[:3, 3] - world_from_camera[:3, 3]

@@ -1,4 +1,4 @@
-"""What the robots believe, and what the simulator knows better."""
+"""Nominal kinematics, and the truth that the simulator knows."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ def erring(task_env):
     return env
 
 
-def test_without_errors_everything_is_believed_as_it_is(task_env):
+def test_without_errors_the_nominal_is_the_true(task_env):
     env = task_env("reach")
     env.reset(seed=3)
     loop, theatre = env.loop, env.loop.theatre
@@ -25,7 +25,7 @@ def test_without_errors_everything_is_believed_as_it_is(task_env):
     np.testing.assert_array_equal(loop.tool.trocar_in_world, theatre.tool_arm.trocar_in_world)
 
 
-def test_errors_of_the_expected_size_lie_between_belief_and_truth(erring):
+def test_errors_of_the_expected_size_lie_between_nominal_and_true(erring):
     loop, theatre = erring.loop, erring.loop.theatre
     off_mm = np.linalg.norm(loop.tool.tip_in_world() - theatre.tip_in_world()) * 1e3
     # Six joints of 2 mrad at lever arms of 0.1 to 0.9 m, and 0.5 mm of the tip itself: some millimetres.
@@ -35,17 +35,17 @@ def test_errors_of_the_expected_size_lie_between_belief_and_truth(erring):
     assert 0.0 < np.arccos((np.trace(relative[:3, :3]) - 1.0) / 2.0) < 0.03
 
 
-def test_docking_teaches_the_trocar_on_the_believed_shaft_so_that_nothing_jumps(erring):
+def test_docking_teaches_the_trocar_on_the_nominal_shaft_so_that_nothing_jumps(erring):
     loop, theatre = erring.loop, erring.loop.theatre
-    believed, true = loop.tool.model.world_from_shaft(loop.tool.home_q), theatre.world_from_shaft(theatre.tool_arm)
-    as_taught = believed[:3, :3].T @ (loop.tool.trocar_in_world - believed[:3, 3])
+    nominal, true = loop.tool.model.world_from_shaft(loop.tool.home_q), theatre.world_from_shaft(theatre.tool_arm)
+    as_taught = nominal[:3, :3].T @ (loop.tool.trocar_in_world - nominal[:3, 3])
     as_it_is = true[:3, :3].T @ (theatre.tool_arm.trocar_in_world - true[:3, 3])
     # The arm has held its posture for 40 ms since; 20 um are the servos' sag.
     np.testing.assert_allclose(as_taught, as_it_is, atol=2e-5)
     assert loop.max_rcm_error_m["tool"] < 1e-4
 
 
-def test_a_believed_tip_moves_as_commanded_in_the_believed_cameras_frame(erring):
+def test_a_nominal_tip_moves_as_commanded_in_the_nominal_cameras_frame(erring):
     before, _ = erring.reset(seed=3)
     for _ in range(25):
         after, *_, info = erring.step(np.array([0.0, 0.0, -0.02], np.float32))
@@ -57,7 +57,7 @@ def test_a_believed_tip_moves_as_commanded_in_the_believed_cameras_frame(erring)
     assert 1e-4 < info["rcm_error_mm"]["tool"] < 1.0
 
 
-def test_the_velocity_is_that_of_the_believed_tip(erring):
+def test_the_velocity_is_that_of_the_nominal_tip(erring):
     for _ in range(10):
         erring.step(np.array([0.02, 0.0, 0.0], np.float32))
     loop = erring.loop
@@ -68,13 +68,13 @@ def test_the_velocity_is_that_of_the_believed_tip(erring):
     np.testing.assert_allclose((loop.tool.tip_in_world() - before) / 0.008, speed, atol=1.5e-3)
 
 
-def test_the_force_is_felt_along_the_axes_of_the_tip_and_believed_along_those_of_the_believed_one(erring, monkeypatch):
+def test_the_force_is_felt_along_the_axes_of_the_tip_and_reported_along_those_of_the_nominal_one(erring, monkeypatch):
     loop, theatre = erring.loop, erring.loop.theatre
     true_force = np.array([0.3, -0.4, 1.2])
     monkeypatch.setattr(theatre, "contact_force_in_world", lambda: true_force)
-    believed_q = theatre.joint_positions(theatre.tool_arm) - (theatre.tool_arm.home_q - loop.tool.home_q)
+    nominal_q = theatre.joint_positions(theatre.tool_arm) - (theatre.tool_arm.home_q - loop.tool.home_q)
     felt = theatre.world_from_shaft(theatre.tool_arm)[:3, :3].T @ true_force
-    expected = loop.tool.model.world_from_shaft(believed_q)[:3, :3] @ felt
+    expected = loop.tool.model.world_from_shaft(nominal_q)[:3, :3] @ felt
     np.testing.assert_allclose(loop.tool.contact_force_in_world(), expected, atol=1e-9)
     # Joints that are off by 2 mrad each turn 1.3 N by some millinewtons.
     assert np.linalg.norm(expected - true_force) > 1e-3
