@@ -16,8 +16,8 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 import tyro
 
 from laploop.cli.parsing import options_of, parse_known, unknown_option
-from laploop.cli.tree import Leaf, leaves, option_name, options_text
-from laploop.configuration import alternatives, from_plain, to_plain
+from laploop.cli.tree import Leaf, kinds_of, leaves, option_name, options_text
+from laploop.configuration import from_plain, to_plain
 from laploop.envs.episode_config import EpisodeConfig, EpisodeOptions
 from laploop.errors import InvalidValueError, LaploopError, UsageError, check_file
 
@@ -175,7 +175,7 @@ def _assigned(tokens: Sequence[str], known: Mapping[tuple[str, ...], Leaf], kind
         leaf = names.get(name)
         if leaf is None and (parent := name.rpartition(".")[0]) in names and _is_table(names[parent]):
             # An argument of a user's own object.
-            leaf, path = names[parent], (*names[parent].path, token.rpartition(".")[2])
+            leaf, path = names[parent], (*names[parent].path, name.rpartition(".")[2].replace("-", "_"))
         elif leaf is None:
             raise _unknown(token, names, kind)
         else:
@@ -204,7 +204,7 @@ def _options(tokens: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
 
 
 def _is_table(leaf: Leaf) -> bool:
-    return any(get_origin(one) is dict for one in alternatives(leaf.annotation))
+    return any(get_origin(one) is dict for one in kinds_of(leaf.annotation))
 
 
 def _unknown(token: str, names: Mapping[str, Leaf], kind: type) -> LaploopError:
@@ -221,7 +221,7 @@ def _unknown(token: str, names: Mapping[str, Leaf], kind: type) -> LaploopError:
 
 def _value(leaf: Leaf, words: Sequence[str]) -> Any:
     """Return what words stand for, as a file would hold it; what is not allowed is left for the tree to refuse."""
-    kinds = [get_args(one)[0] if get_origin(one) is Annotated else one for one in alternatives(leaf.annotation)]
+    kinds = kinds_of(leaf.annotation)
     texts = [one for one in kinds if one in {str, Path} or (get_origin(one) is Literal and isinstance(get_args(one)[0], str))]
     numbers = [one for one in kinds if one not in texts and one is not type(None)]
     values = [word if texts and not numbers else _number(word) for word in words]
