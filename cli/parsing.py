@@ -18,25 +18,28 @@ from laploop.errors import UsageError
 Arguments = TypeVar("Arguments")
 
 
-def parse(kind: type[Arguments], arguments: Sequence[str], command: str) -> Arguments:
+def parse(kind: type[Arguments], arguments: Sequence[str], command: str, default: Arguments | None = None) -> Arguments:
     """Read a command's arguments.
 
     Args:
         kind: A dataclass whose docstrings describe the options.
         arguments: What follows the command's name.
         command: The command's name.
+        default: What holds where no option says otherwise, in place of the fields' own defaults.
 
     Raises:
         LaploopError: If a value is not allowed, or an option is unknown, missing or of the wrong type.
         SystemExit: With status 0 after `--help`.
     """
-    chosen, rest = parse_known(kind, arguments, command)
+    chosen, rest = parse_known(kind, arguments, command, default)
     if rest:
         raise unknown_option(rest[0], options_of(kind))
     return chosen
 
 
-def parse_known(kind: type[Arguments], arguments: Sequence[str], command: str) -> tuple[Arguments, list[str]]:
+def parse_known(
+    kind: type[Arguments], arguments: Sequence[str], command: str, default: Arguments | None = None
+) -> tuple[Arguments, list[str]]:
     """Read a command's arguments as `parse` does; return with them what it does not know, in its order.
 
     Raises:
@@ -48,7 +51,8 @@ def parse_known(kind: type[Arguments], arguments: Sequence[str], command: str) -
         raise _in_one_line(event, arguments, kind)
 
     with _BOUNDS_IN_HELP, tyro_errors.on_parse_error(refuse):
-        return tyro.cli(kind, args=list(arguments), prog=f"laploop {command}", return_unknown_args=True)
+        given: Any = tyro.MISSING_NONPROP if default is None else default
+        return tyro.cli(kind, args=list(arguments), prog=f"laploop {command}", default=given, return_unknown_args=True)
 
 
 def options_of(kind: type) -> list[str]:

@@ -80,7 +80,7 @@ def _walk(kind: type, plain: Any, tree: Any, path: tuple[str, ...]) -> Iterator[
     for field in dataclasses.fields(kind):
         name, annotation = field.name, hints[field.name]
         value, there = (None, None) if tree is None else (plain[name], getattr(tree, name))
-        nested: list[Any] = [one for one in map(_bare, alternatives(annotation)) if dataclasses.is_dataclass(one)]
+        nested: list[Any] = [one for one in kinds_of(annotation) if dataclasses.is_dataclass(one)]
         if dataclasses.is_dataclass(there):
             # A tree may hold a subclass of what its field is declared to be, as a task does.
             chosen: Any = type(there)
@@ -93,8 +93,9 @@ def _walk(kind: type, plain: Any, tree: Any, path: tuple[str, ...]) -> Iterator[
             yield Leaf(path=(*path, name), annotation=annotation, value=value, doc=docs.get(name, ""), allowed=words)
 
 
-def _bare(annotation: Any) -> Any:
-    return get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
+def kinds_of(annotation: Any) -> list[Any]:
+    """Return the types that a field may have, without their bounds."""
+    return [get_args(one)[0] if get_origin(one) is Annotated else one for one in alternatives(annotation)]
 
 
 def toml_text(tree: Any) -> str:

@@ -16,9 +16,10 @@ from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 import tyro
 
 from laploop.cli.parsing import options_of, parse_known, unknown_option
-from laploop.cli.tree import Leaf, leaves, option_name, options_text
-from laploop.configuration import alternatives, from_plain, to_plain
+from laploop.cli.tree import Leaf, kinds_of, leaves, option_name, options_text
+from laploop.configuration import from_plain, to_plain
 from laploop.envs.episode_config import EpisodeConfig, EpisodeOptions
+from laploop.envs.loop.config import LoopConfig
 from laploop.errors import InvalidValueError, LaploopError, UsageError, check_file
 
 ROOT = "task"
@@ -36,8 +37,7 @@ class FileOptions:
     """A configuration file, and whether the code it names may be run."""
 
     config: Path | None = None
-    """Configuration to start from: TOML as `laploop config` writes it, whole or in part, or the summary.json of an earlier run.
-    Every field of it is an option too, such as --loop.camera-hz 50; --help-all lists them."""
+    """Configuration to start from: TOML as `laploop config` writes it, whole or in part, or an earlier run's summary.json."""
     trust: bool = False
     """Accept module:Class from that file, which runs the code it names."""
 
@@ -53,6 +53,15 @@ class FileOptions:
         if not self.trust and (named := next(_named_code(plain), None)) is not None:
             raise InvalidValueError(f"{self.config}: {named[0]}", named[1], "no module:Class from a file without --trust")
         return plain
+
+    def loop(self) -> LoopConfig | None:
+        """Return the loop that the file configures; None without a file.
+
+        Raises:
+            LaploopError: If a value is not allowed.
+        """
+        plain = self.read()
+        return _episode(plain, None, str(self.config)).task.loop if plain else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +80,7 @@ class TreeOptions:
         plain = self.file.read()
         if not plain:
             return self.episode.episode()
-        task = plain.get(ROOT, {}).get("kind", self.episode.task or "reach")
-        return self.episode.applied_to(with_plain(EpisodeConfig.of(task=task), plain, source=str(self.file.config)))
+        return self.episode.applied_to(_episode(plain, self.episode.task, str(self.file.config)))
 
 
 def parse_tree(kind: type[Arguments], arguments: Sequence[str], command: str) -> tuple[Arguments, list[str]]:
@@ -112,6 +120,11 @@ def with_plain(episode: EpisodeConfig, plain: Plain, *, source: str = "") -> Epi
         LaploopError: If a value is not allowed.
     """
     return from_plain(EpisodeConfig, _merged(to_plain(episode), plain), source=source)
+
+
+def _episode(plain: Plain, task: str | None, source: str) -> EpisodeConfig:
+    """Return the episode that a file describes, of the given task where the file names none."""
+    return with_plain(EpisodeConfig.of(task=plain.get(ROOT, {}).get("kind", task)), plain, source=source)
 
 
 def _read(path: Path) -> Plain:
@@ -175,7 +188,7 @@ def _assigned(tokens: Sequence[str], known: Mapping[tuple[str, ...], Leaf], kind
         leaf = names.get(name)
         if leaf is None and (parent := name.rpartition(".")[0]) in names and _is_table(names[parent]):
             # An argument of a user's own object.
-            leaf, path = names[parent], (*names[parent].path, token.rpartition(".")[2])
+            leaf, path = names[parent], (*names[parent].path, name.rpartition(".")[2].replace("-", "_"))
         elif leaf is None:
             raise _unknown(token, names, kind)
         else:
@@ -204,7 +217,7 @@ def _options(tokens: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
 
 
 def _is_table(leaf: Leaf) -> bool:
-    return any(get_origin(one) is dict for one in alternatives(leaf.annotation))
+    return any(get_origin(one) is dict for one in kinds_of(leaf.annotation))
 
 
 def _unknown(token: str, names: Mapping[str, Leaf], kind: type) -> LaploopError:
@@ -221,7 +234,7 @@ def _unknown(token: str, names: Mapping[str, Leaf], kind: type) -> LaploopError:
 
 def _value(leaf: Leaf, words: Sequence[str]) -> Any:
     """Return what words stand for, as a file would hold it; what is not allowed is left for the tree to refuse."""
-    kinds = [get_args(one)[0] if get_origin(one) is Annotated else one for one in alternatives(leaf.annotation)]
+    kinds = kinds_of(leaf.annotation)
     texts = [one for one in kinds if one in {str, Path} or (get_origin(one) is Literal and isinstance(get_args(one)[0], str))]
     numbers = [one for one in kinds if one not in texts and one is not type(None)]
     values = [word if texts and not numbers else _number(word) for word in words]

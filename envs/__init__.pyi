@@ -30,11 +30,11 @@ from .tasks.configs import PalpateConfig as PalpateConfig
 from .tasks.configs import ReachConfig as ReachConfig
 from .tasks.configs import ScanConfig as ScanConfig
 from .tasks.configs import TrackConfig as TrackConfig
-from .tasks.criteria import Criterion as Criterion
 from .tasks.look import LookEnv as LookEnv
 from .tasks.palpate import PalpateEnv as PalpateEnv
 from .tasks.reach import ReachEnv as ReachEnv
 from .tasks.registry import TASKS as TASKS
+from .tasks.registry import Criterion as Criterion
 from .tasks.registry import TaskSpec as TaskSpec
 from .tasks.registry import default_config as default_config
 from .tasks.registry import environment_id as environment_id

@@ -13,7 +13,7 @@ from laploop.configuration import Field, configuration, from_plain
 from laploop.control.controllers.registry import CONTROLLERS
 from laploop.control.prediction.registry import PREDICTORS
 from laploop.envs.loop.latency import ConstantLatency, TraceLatency
-from laploop.envs.sensors.optics.presets import optics_preset
+from laploop.envs.sensors.optics.presets import PresetName, optics_preset
 from laploop.envs.tasks.registry import TASKS, default_config, task_spec
 from laploop.envs.tasks.task_config import TaskConfig
 from laploop.envs.theatre.actuation import ActuationConfig, ActuationName
@@ -177,7 +177,7 @@ class EpisodeOptions:
     prediction: str | None = None
     """How the scripted controller bridges the age of the depth: none (holds the newest measurement), rate (extrapolates at the
     latest rate), rhythms (learns breathing and heartbeat), or module:Class. By default rate for reach, rhythms otherwise."""
-    optics: str | None = None
+    optics: PresetName | None = None
     """Light, surfaces and sensor: paper (the laparoscope that the simulator follows; the default), ideal, worst."""
     motion: MotionName | None = None
     """How the tissue moves: still, breathing (10 mm, 0.25 Hz), beating (1 mm, 1.2 Hz), or both. By default the task's own: both

@@ -9,8 +9,9 @@ from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
 from laploop.configuration import Seed, configuration
+from laploop.envs.sensors.optics.presets import PresetName
 from laploop.studies.calibration.config import CalibrationConfig, JointNoise, Views
-from laploop.studies.scenes.optical_bench import OpticalBench, Preset
+from laploop.studies.scenes.optical_bench import OpticalBench
 
 
 @configuration
@@ -25,7 +26,7 @@ class CalibrateArguments:
     """Pictures in each step: the scope's own, the reference camera's own, pairs, stripes on a card, poses of the arm."""
     seed: Seed = 0
     """Of the poses and the sensors' noise."""
-    preset: Preset = "paper"
+    preset: PresetName = "paper"
     """Optical model of the scope."""
     projector: bool = True
     """Calibrate the stripe projector as well."""

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +12,8 @@ from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.dataset import PAIRS, verify_dataset
 from laploop.cli.output import OutputFolder, plain
 from laploop.cli.parsing import parse
+from laploop.cli.tree_options import FileOptions
+from laploop.envs.sensors.optics.presets import preset_name
 from laploop.errors import InvalidValueError
 from laploop.studies.acquisition.config import AcquisitionConfig
 
@@ -24,21 +26,37 @@ class CollectArguments:
     """Collect stripe frames and the depth of a reference camera, pair by pair, on a simulated bench.
 
     Writes the data set `pairs.zarr`, its card `card.md` with figures and `statistics.json`, and `summary.json`. When it was
-    stopped, the same command goes on where it was. With `--verify` it checks a data set instead.
+    stopped, the same command goes on where it was. With `--verify` it checks a data set instead. Of a configuration file it
+    takes the tissue, the scope and the optics.
     """
 
     acquisition: Annotated[AcquisitionConfig, tyro.conf.arg(name="")] = field(default_factory=AcquisitionConfig)
     calibration: Path | None = None
     """A calibration.json to reproject with; by default the bench is calibrated first."""
+    file: Annotated[FileOptions, tyro.conf.arg(name="")] = field(default_factory=FileOptions)
     out: Path | None = None
     """Folder to write to; made where it does not exist."""
     verify: Path | None = None
     """Check every pair of this data set, and collect nothing."""
 
 
+def read_arguments(arguments: Sequence[str]) -> CollectArguments:
+    """Read the arguments; options come before what the configuration file holds.
+
+    Raises:
+        LaploopError: If a value is not allowed.
+    """
+    chosen = parse(CollectArguments, arguments, "collect")
+    if (loop := chosen.file.loop()) is not None:
+        bench = replace(chosen.acquisition.bench, scope=loop.theatre.scope, preset=preset_name(loop.optics))
+        acquisition = replace(chosen.acquisition, bench=bench, tissue=loop.theatre.tissue)
+        chosen = parse(CollectArguments, arguments, "collect", replace(chosen, acquisition=acquisition))
+    return chosen
+
+
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
-    chosen = parse(CollectArguments, arguments, "collect")
+    chosen = read_arguments(arguments)
     if chosen.verify is not None:
         return verify_dataset(chosen.verify)
     if chosen.out is None:

@@ -15,8 +15,8 @@ from laploop.cli.tree_options import TreeOptions, parse_tree, with_options
 class ConfigArguments:
     """Write the configuration of an episode to the standard output, as a TOML file that `--config` takes.
 
-    Every field is there with its value, meaning, bounds and unit. A file may hold a part of it only; the rest is then as it is
-    by default.
+    Every field is there with its value, meaning, bounds and unit, and is an option too, such as --loop.camera-hz 50. A file may
+    hold a part of them only; the rest then has the defaults.
     """
 
     tree: Annotated[TreeOptions, tyro.conf.arg(name="")] = field(default_factory=TreeOptions)

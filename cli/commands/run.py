@@ -21,7 +21,8 @@ class RunArguments:
     """Run one closed-loop episode with the scripted controller.
 
     Writes `episode.png`, `recording.rrd` (open it with `rerun DIR/recording.rrd`) and `summary.json`. The exit status is 0 when
-    the episode ran to its end, with or without success; an episode that is interrupted leaves its recording up to then.
+    the episode ran to its end, with or without success; an episode that is interrupted leaves its recording up to then. Every
+    field of the configuration is an option, such as --loop.camera-hz 50; --help-all lists them.
     """
 
     tree: Annotated[TreeOptions, tyro.conf.arg(name="")] = field(default_factory=TreeOptions)

@@ -1,7 +1,7 @@
 """`laploop synthesize`: stripe frames with exact depth, of many tissues."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +11,7 @@ from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.dataset import FRAMES, verify_dataset
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import parse
+from laploop.cli.tree_options import FileOptions
 from laploop.errors import InvalidValueError
 from laploop.studies.synthesis.config import TrainingFramesConfig
 
@@ -20,19 +21,33 @@ class SynthesizeArguments:
     """Render stripe frames of many tissues with exact depth, for training and evaluation.
 
     Writes the data set `frames.zarr` and `summary.json`. When it was stopped, the same command goes on where it was. With
-    `--verify` it checks a data set instead.
+    `--verify` it checks a data set instead. Of a configuration file it takes the scope.
     """
 
     frames: Annotated[TrainingFramesConfig, tyro.conf.arg(name="")] = field(default_factory=TrainingFramesConfig)
+    file: Annotated[FileOptions, tyro.conf.arg(name="")] = field(default_factory=FileOptions)
     out: Path | None = None
     """Folder to write to; made where it does not exist."""
     verify: Path | None = None
     """Check every frame of this data set, and render nothing."""
 
 
+def read_arguments(arguments: Sequence[str]) -> SynthesizeArguments:
+    """Read the arguments; options come before what the configuration file holds.
+
+    Raises:
+        LaploopError: If a value is not allowed.
+    """
+    chosen = parse(SynthesizeArguments, arguments, "synthesize")
+    if (loop := chosen.file.loop()) is not None:
+        frames = replace(chosen.frames, optics=loop.theatre.scope)
+        chosen = parse(SynthesizeArguments, arguments, "synthesize", replace(chosen, frames=frames))
+    return chosen
+
+
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
-    chosen = parse(SynthesizeArguments, arguments, "synthesize")
+    chosen = read_arguments(arguments)
     if chosen.verify is not None:
         return verify_dataset(chosen.verify)
     if chosen.out is None:

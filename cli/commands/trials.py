@@ -20,7 +20,8 @@ class TrialsArguments:
     """Run many closed-loop episodes that differ in their seed alone.
 
     Writes `trials.csv`, `trials.md`, `trials.png` and `summary.json`. Finished episodes are kept in `DIR/rows`: the same
-    command resumes where it was stopped. The exit status is 1 if an episode could not be run.
+    command resumes where it was stopped. The exit status is 1 if an episode could not be run. Every field of the
+    configuration is an option, such as --loop.camera-hz 50; --help-all lists them.
     """
 
     tree: Annotated[TreeOptions, tyro.conf.arg(name="")] = field(default_factory=TreeOptions)

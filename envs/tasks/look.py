@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from laploop.control.messages import ControlInput
 from laploop.envs.tasks.configs import LookConfig
+from laploop.envs.tasks.measures import Samples, nearness
 from laploop.envs.tasks.observations import Observation, bounded
-from laploop.envs.tasks.rewards import nearness
-from laploop.envs.tasks.samples import Samples
 from laploop.envs.tasks.task_env import Info, TaskEnv
 from laploop.perception.geometry import invert_transform, transform_points
 

@@ -7,9 +7,8 @@ import numpy as np
 from gymnasium import spaces
 
 from laploop.envs.tasks.configs import PalpateConfig
+from laploop.envs.tasks.measures import Samples, nearness
 from laploop.envs.tasks.observations import Observation, bounded
-from laploop.envs.tasks.rewards import nearness
-from laploop.envs.tasks.samples import Samples
 from laploop.envs.tasks.task_env import Info, TaskEnv
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from laploop.envs.tasks.configs import ReachConfig
-from laploop.envs.tasks.rewards import nearness
+from laploop.envs.tasks.measures import nearness
 from laploop.envs.tasks.task_env import Info, TaskEnv
 
 

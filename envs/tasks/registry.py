@@ -7,15 +7,38 @@ that names a `TaskSpec`.
 import re
 from dataclasses import dataclass, fields
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from laploop.envs.tasks.criteria import Criterion
 from laploop.errors import InvalidValueError
 from laploop.registry import Registry
 
 if TYPE_CHECKING:
     from laploop.envs.tasks.task_config import TaskConfig
     from laploop.envs.tasks.task_env import TaskEnv
+
+
+Statistic = Literal["mean", "rms", "max", "min"]
+"""How the episodes' values become one."""
+
+
+@dataclass(frozen=True)
+class Criterion:
+    """One number of many episodes, and its bound, if it has one."""
+
+    name: str
+    column: str
+    """Of an episode: `success`, `final_error_mm`, ..., or one of the task's metrics."""
+    unit: str = ""
+    statistic: Statistic = "max"
+    at_most: float | None = None
+    at_least: float | None = None
+
+    def bar(self) -> str:
+        """Return the bound in words; empty without one."""
+        unit = f" {self.unit}" if self.unit else ""
+        if self.at_most is not None:
+            return f"at most {self.at_most:.3g}{unit}"
+        return "" if self.at_least is None else f"at least {self.at_least:.3g}{unit}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,69 +75,51 @@ class TaskSpec:
         return "success_hold_s" in {field.name for field in fields(self.config_class)}
 
 
-_CONFIGS = "laploop.envs.tasks.configs"
+def _built_in(task: str, *criteria: Criterion) -> TaskSpec:
+    name = task.capitalize()
+    return TaskSpec(
+        environment=f"laploop.envs.tasks.{task}:{name}Env",
+        config=f"laploop.envs.tasks.configs:{name}Config",
+        controller=task,
+        criteria=criteria,
+    )
+
 
 TASKS: Registry[TaskSpec] = Registry(
     "task",
     "laploop.tasks",
     {
-        "reach": TaskSpec(
-            environment="laploop.envs.tasks.reach:ReachEnv",
-            config=f"{_CONFIGS}:ReachConfig",
-            controller="reach",
-            criteria=(
-                Criterion(name="success", column="success", statistic="mean", at_least=0.95),
-                Criterion(name="final error", column="final_error_mm", unit="mm", statistic="mean"),
-            ),
+        "reach": _built_in(
+            "reach",
+            Criterion("success", "success", "", "mean", at_least=0.95),
+            Criterion("final error", "final_error_mm", "mm", "mean"),
         ),
-        "track": TaskSpec(
-            environment="laploop.envs.tasks.track:TrackEnv",
-            config=f"{_CONFIGS}:TrackConfig",
-            controller="track",
-            criteria=(
-                Criterion(name="RMS error along the normal", column="normal_rms_mm", unit="mm", statistic="rms", at_most=1.0),
-                Criterion(name="RMS error across it", column="lateral_rms_mm", unit="mm", statistic="rms"),
-            ),
+        "track": _built_in(
+            "track",
+            Criterion("RMS error along the normal", "normal_rms_mm", "mm", "rms", at_most=1.0),
+            Criterion("RMS error across it", "lateral_rms_mm", "mm", "rms"),
         ),
-        "palpate": TaskSpec(
-            environment="laploop.envs.tasks.palpate:PalpateEnv",
-            config=f"{_CONFIGS}:PalpateConfig",
-            controller="palpate",
-            criteria=(
-                Criterion(name="success", column="success", statistic="mean"),
-                Criterion(name="share of the hold time in the band", column="in_band_share", statistic="min", at_least=0.95),
-                Criterion(name="force over the last hold time", column="force_mean_n", unit="N", statistic="mean"),
-            ),
+        "palpate": _built_in(
+            "palpate",
+            Criterion("success", "success", "", "mean"),
+            Criterion("share of the hold time in the band", "in_band_share", "", "min", at_least=0.95),
+            Criterion("force over the last hold time", "force_mean_n", "N", "mean"),
         ),
-        "scan": TaskSpec(
-            environment="laploop.envs.tasks.scan:ScanEnv",
-            config=f"{_CONFIGS}:ScanConfig",
-            controller="scan",
-            criteria=(
-                Criterion(name="RMS of the stand-off", column="standoff_rms_mm", unit="mm", statistic="rms", at_most=0.7),
-                Criterion(name="incidence, mean", column="incidence_mean_deg", unit="deg", statistic="mean"),
-                Criterion(name="incidence, 95th percentile of the worst", column="incidence_p95_deg", unit="deg", at_most=10.0),
-                Criterion(name="share of the scan within 10 deg", column="incidence_within_share", statistic="mean"),
-                Criterion(name="length of the path", column="path_length_mm", unit="mm", statistic="min", at_least=59.5),
-                Criterion(name="share of the path scanned", column="path_progress", statistic="min", at_least=1.0),
-            ),
+        "scan": _built_in(
+            "scan",
+            Criterion("RMS of the stand-off", "standoff_rms_mm", "mm", "rms", at_most=0.7),
+            Criterion("incidence, mean", "incidence_mean_deg", "deg", "mean"),
+            Criterion("incidence, 95th percentile of the worst", "incidence_p95_deg", "deg", at_most=10.0),
+            Criterion("share of the scan within 10 deg", "incidence_within_share", "", "mean"),
+            Criterion("length of the path", "path_length_mm", "mm", "min", at_least=59.5),
+            Criterion("share of the path scanned", "path_progress", "", "min", at_least=1.0),
         ),
-        "look": TaskSpec(
-            environment="laploop.envs.tasks.look:LookEnv",
-            config=f"{_CONFIGS}:LookConfig",
-            controller="look",
-            criteria=(
-                Criterion(
-                    name="offset from the middle, greatest", column="centre_share_max", unit="of the width", at_most=0.05
-                ),
-                Criterion(
-                    name="the same, mean 95th percentile", column="centre_share_p95", unit="of the width", statistic="mean"
-                ),
-                Criterion(
-                    name="error of the working distance, greatest", column="distance_error_max_mm", unit="mm", at_most=5.0
-                ),
-                Criterion(name="the same, mean 95th percentile", column="distance_error_p95_mm", unit="mm", statistic="mean"),
-            ),
+        "look": _built_in(
+            "look",
+            Criterion("offset from the middle, greatest", "centre_share_max", "of the width", at_most=0.05),
+            Criterion("the same, mean 95th percentile", "centre_share_p95", "of the width", "mean"),
+            Criterion("error of the working distance, greatest", "distance_error_max_mm", "mm", at_most=5.0),
+            Criterion("the same, mean 95th percentile", "distance_error_p95_mm", "mm", "mean"),
         ),
     },
 )

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from laploop.assets.shafts import INSTRUMENT
 from laploop.control.messages import ControlInput
 from laploop.envs.tasks.configs import ScanConfig
+from laploop.envs.tasks.measures import Samples, nearness
 from laploop.envs.tasks.observations import Observation, bounded
 from laploop.envs.tasks.path_choice import choose_path_pixels, evenly
-from laploop.envs.tasks.rewards import nearness
-from laploop.envs.tasks.samples import Samples
 from laploop.envs.tasks.surface_path import PathFoot, SurfacePath
 from laploop.envs.tasks.surface_point import SurfacePoint
+from laploop.envs.tasks.target_choice import checked_pixels
 from laploop.envs.tasks.task_env import Info, TaskEnv
 from laploop.errors import InvalidValueError
 
@@ -90,7 +90,7 @@ class ScanEnv(TaskEnv[ScanConfig]):
         camera, truth = self.loop.rig.camera, self.first_view.truth
         depth_m = truth.depth_mm.astype(np.float64) * 1e-3
         if "path_pixels" in options:
-            drawn = self.checked_pixels("path_pixels", options["path_pixels"])
+            drawn = checked_pixels("path_pixels", options["path_pixels"], camera)
             if len(drawn) < 2:
                 raise InvalidValueError("path_pixels", drawn.tolist(), "2 or more pixels")
             # Straight in the image from pixel to pixel, and dense enough to follow the surface between them.

@@ -1,15 +1,33 @@
 """Which pixel of the first frame becomes the target."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_capture import StripeCapture
 from laploop.envs.tasks.task_config import TargetChoiceConfig
-from laploop.errors import SimulationError
+from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.geometry import Intrinsics
 
 Array = NDArray[np.float64]
+
+
+def checked_pixels(name: str, pixels: Any, camera: Intrinsics) -> Array:
+    """Return one or more pixels that an option of `reset` names, (n, 2), all within the image.
+
+    Raises:
+        InvalidValueError: If they are not pairs of numbers, or lie outside.
+    """
+    try:
+        array = np.atleast_2d(np.asarray(pixels))
+    except ValueError:
+        array = np.empty(0)
+    fits = array.dtype.kind in "fiu" and array.ndim == 2 and array.shape[1] == 2
+    if not fits or not ((array >= 0.0) & (array < [camera.width, camera.height])).all():
+        raise InvalidValueError(name, pixels, f"(column, row) within {camera.width} x {camera.height} pixels")
+    return array.astype(np.float64)
 
 
 def choose_target_pixel(

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from numbers import Integral
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
@@ -17,6 +18,7 @@ from laploop.envs.loop.closed_loop import ClosedLoop
 from laploop.envs.loop.perception_server import ServedFrame
 from laploop.envs.recording.recorder import Recorder, TickRecord
 from laploop.envs.tasks.actions import ActionInterpreter, action_space, checked_action
+from laploop.envs.tasks.measures import weighted
 from laploop.envs.tasks.observations import (
     MAX_FORCE_N,
     Observation,
@@ -28,9 +30,8 @@ from laploop.envs.tasks.observations import (
     shows_stripes,
 )
 from laploop.envs.tasks.registry import task_spec
-from laploop.envs.tasks.rewards import weighted
 from laploop.envs.tasks.surface_point import SurfacePoint
-from laploop.envs.tasks.target_choice import choose_target_pixel
+from laploop.envs.tasks.target_choice import checked_pixels, choose_target_pixel
 from laploop.envs.tasks.task_config import TaskConfig
 from laploop.errors import InvalidValueError, SimulationError, UnknownNameError
 from laploop.perception.estimators.base import DepthEstimator
@@ -110,9 +111,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             controller = make_controller(task_spec(self.task).controller, self.loop.rig)
         self._interpreter = ActionInterpreter(self.config, self.loop, controller, yields=not self.moves_scope)
         self.action_space = action_space(self.config)
-        self.observation_space = observation_space(
-            self.config.observation_mode, (scope.height, scope.width), self.extra_spaces()
-        )
+        size = scope.height, scope.width
+        self.observation_space = observation_space(self.config.observation_mode, size, self.extra_spaces())
         self._running = False
         self._target: SurfacePoint | None = None
         self.target_pixel: Array = np.full(2, np.nan)
@@ -138,7 +138,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         """Choose the target in the first frame: a pixel of `options`, or one drawn from those that qualify."""
         camera = self.loop.rig.camera
         if "target_pixel" in options:
-            column, row = self.checked_pixels("target_pixel", options["target_pixel"])[0].astype(int).tolist()
+            column, row = checked_pixels("target_pixel", options["target_pixel"], camera)[0].astype(int).tolist()
         else:
             column, row = choose_target_pixel(self.first_view.truth, camera, self.trocar_in_camera(), rng, self.config.target)
         self.set_target(self.surface_point(column, row), np.array([column + 0.5, row + 0.5]))
@@ -189,25 +189,16 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             UnknownNameError: If there is no such option.
             InvalidValueError: If the seed is not an integer from 0 on, or the chosen pixel shows no tissue.
         """
-        given: Any = seed
-        if given is not None and (isinstance(given, bool) or not isinstance(given, Integral) or not 0 <= int(given) < 2**63):
-            raise InvalidValueError("seed", given, "an integer from 0 to 2**63 - 1, or None")
-        if options is not None and not isinstance(options, Mapping):
-            raise InvalidValueError("options", options, "a mapping, or None")
-        for name in options or {}:
-            if name not in self.reset_options:
-                raise UnknownNameError("option of reset", name, self.reset_options)
+        self._check_reset(seed, options)
         super().reset(seed=None if seed is None else int(seed))
         self._running = False
         theatre_rng, target_rng = self.np_random.spawn(2)
         theatre_seed = int(theatre_rng.integers(2**31)) if seed is None else int(seed)
+        self._interpreter.reset()
         # The target is chosen in the first frame, at time 0, before the loop runs.
         self._target = None
-        self.loop.reset(
-            theatre_rng,
-            theatre_seed=theatre_seed,
-            at_first_frame=lambda: self.choose_target(target_rng, options or {}),
-        )
+        choose = partial(self.choose_target, target_rng, options or {})
+        self.loop.reset(theatre_rng, theatre_seed=theatre_seed, at_first_frame=choose)
         self.measure(begin=True)
         self._running = True
         info = self._info(reward_terms={}, terminated_by=None, succeeded=False)
@@ -235,7 +226,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         truncated = terminated_by is None and self.loop.now_ns >= round(self.config.max_seconds * 1e9)
         succeeded = self.solved_in_time() if truncated else terminated_by == "success"
         shared_terms = {
-            "force": -self.excess_force_n(),
+            "force": -max(0.0, self.loop.max_force_n - self.config.alarm_force_n),
             "effort": -((float(np.linalg.norm(velocity)) / self.config.max_tip_speed_mps) ** 2),
             "success": float(succeeded),
             "harm": -float(terminated_by in HARMS),
@@ -289,22 +280,6 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self._target = target
         self.target_pixel = pixel
 
-    def checked_pixels(self, name: str, pixels: Any) -> Array:
-        """Return one or more pixels that an option of `reset` names, (n, 2), all within the image.
-
-        Raises:
-            InvalidValueError: If they are not pairs of numbers, or lie outside.
-        """
-        camera = self.loop.rig.camera
-        try:
-            array = np.atleast_2d(np.asarray(pixels))
-        except ValueError:
-            array = np.empty(0)
-        fits = array.dtype.kind in "fiu" and array.ndim == 2 and array.shape[1] == 2
-        if not fits or not ((array >= 0.0) & (array < [camera.width, camera.height])).all():
-            raise InvalidValueError(name, pixels, f"(column, row) within {camera.width} x {camera.height} pixels")
-        return array.astype(np.float64)
-
     def surface_point(self, column: float, row: float) -> SurfacePoint:
         """Return the point of the tissue that the centre of a pixel shows now."""
         world_from_camera = self.loop.theatre.world_from_camera()
@@ -331,13 +306,19 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         ideal = target.position(points) + INSTRUMENT.tip_radius_m * target.normal(points)
         return float(np.linalg.norm(self.loop.theatre.tip_in_world() - ideal)) * 1e3
 
-    def excess_force_n(self) -> float:
-        """Return by how much the force on the tip passed the alarm in the last control period."""
-        return max(0.0, self.loop.max_force_n - self.config.alarm_force_n)
-
     def is_assessed(self) -> bool:
         """Return whether this tick counts for the task's accuracy."""
         return True
+
+    def _check_reset(self, seed: Any, options: object) -> None:
+        """Check what `reset` was called with."""
+        if seed is not None and (isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= int(seed) < 2**63):
+            raise InvalidValueError("seed", seed, "an integer from 0 to 2**63 - 1, or None")
+        if options is not None and not isinstance(options, Mapping):
+            raise InvalidValueError("options", options, "a mapping, or None")
+        for name in options or {}:
+            if name not in self.reset_options:
+                raise UnknownNameError("option of reset", name, self.reset_options)
 
     def _harm(self) -> str | None:
         if self.loop.max_force_n > self.config.harm_force_n:

@@ -6,8 +6,7 @@ import numpy as np
 
 from laploop.assets.shafts import INSTRUMENT
 from laploop.envs.tasks.configs import TrackConfig
-from laploop.envs.tasks.rewards import nearness
-from laploop.envs.tasks.samples import Samples
+from laploop.envs.tasks.measures import Samples, nearness
 from laploop.envs.tasks.task_env import Info, TaskEnv
 
 

@@ -8,7 +8,7 @@ from laploop.assets.mask_fabrication import fabricated
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
 from laploop.configuration import Field, Seed, configuration
-from laploop.studies.scenes.optical_bench import Preset
+from laploop.envs.sensors.optics.presets import PresetName
 
 FIGURE_DISTANCES_MM = (70, 100)
 """Those whose images and profiles are shown."""
@@ -21,7 +21,7 @@ Distance = Annotated[int, Field(ge=50, le=300)]
 class CharacterizationConfig:
     """Which scope looks at which distances."""
 
-    preset: Preset = "paper"
+    preset: PresetName = "paper"
     """Optical model."""
     distances_mm: tuple[Distance, ...] = tuple(range(50, 151, 10))
     """From the camera to the middle mark; 70 and 100 mm are always measured."""

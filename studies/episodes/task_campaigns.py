@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from laploop.envs.episode_config import OWN, EpisodeConfig
-from laploop.envs.tasks.criteria import Criterion, Statistic
-from laploop.envs.tasks.registry import TASKS, task_spec
+from laploop.envs.tasks.registry import TASKS, Criterion, Statistic, task_spec
 from laploop.studies.episodes.trials import Row, wilson_interval
 
 TROCAR = "trocar error, worst of both arms"

@@ -1,7 +1,7 @@
 """The paper's bench: the scope looks straight down, the reference camera from the side; the stage moves what they look at."""
 
 from dataclasses import field, replace
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
 from laploop.configuration import Field, configuration
-from laploop.envs.sensors.optics.presets import optics_preset
+from laploop.envs.sensors.optics.presets import PresetName, optics_preset
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.envs.sensors.reference.optics import ReferenceOptics, Sampling
 from laploop.errors import check_range
@@ -26,9 +26,6 @@ def _full_sampling() -> ReferenceOptics:
     return ReferenceOptics(sampling="full")
 
 
-Preset = Literal["ideal", "paper", "worst"]
-
-
 @configuration
 class OpticalBench:
     """Two cameras that are fixed to a table; tissue and calibration board move on a stage below them.
@@ -38,7 +35,7 @@ class OpticalBench:
     """
 
     scope: ScopeOptics = field(default_factory=ScopeOptics)
-    preset: Preset = "paper"
+    preset: PresetName = "paper"
     """Optical model of the scope."""
     reference: ReferenceOptics = field(default_factory=_full_sampling)
     nominal_distance_m: Annotated[float, Field(ge=0.03, le=0.3)] = 0.095

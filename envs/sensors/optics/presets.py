@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from laploop.envs.sensors.optics.stripe_optics import (
     StrayFraction,
     StripeOptics,
 )
-from laploop.errors import UnknownNameError
+from laploop.errors import InvalidValueError, UnknownNameError
 
 Light = Annotated[float, Field(ge=1e-3, le=100.0)]
 
@@ -95,7 +95,9 @@ def _worst() -> StripeOptics:
     )
 
 
-PRESETS = {"ideal": _ideal(), "paper": StripeOptics(), "worst": _worst()}
+PresetName = Literal["ideal", "paper", "worst"]
+
+PRESETS: dict[PresetName, StripeOptics] = {"ideal": _ideal(), "paper": StripeOptics(), "worst": _worst()}
 """`paper` is the default everywhere: the laparoscope that the simulator follows, with the contrast measured on it."""
 
 
@@ -105,9 +107,22 @@ def optics_preset(name: str) -> StripeOptics:
     Raises:
         UnknownNameError: If there is none.
     """
-    if name not in PRESETS:
-        raise UnknownNameError("optics preset", name, PRESETS)
-    return PRESETS[name]
+    for known, preset in PRESETS.items():
+        if known == name:
+            return preset
+    raise UnknownNameError("optics preset", name, PRESETS)
+
+
+def preset_name(optics: StripeOptics) -> PresetName:
+    """Return the name of a preset.
+
+    Raises:
+        InvalidValueError: If the optics are none of the presets.
+    """
+    for name, preset in PRESETS.items():
+        if preset == optics:
+            return name
+    raise InvalidValueError("loop.optics", "optics of their own", f"one of the presets {', '.join(PRESETS)}")
 
 
 def draw_light(rng: np.random.Generator, ranges: OpticsRanges) -> float:

@@ -69,6 +69,19 @@ def test_summary_has_every_promised_key(short_run):
     )
 
 
+@pytest.mark.parametrize("options", [["--perception", "oracle"], ["--task", "track", "--actuation", "ur5-cb", "--seed", "4"]])
+def test_a_summary_repeats_its_run_to_the_same_bits(tmp_path, options):
+    first, second = tmp_path / "first", tmp_path / "second"
+    latency = ["--loop.latency.kind", "lognormal", "--loop.kinematic-errors.hand-eye-rad", "0.002"]
+    assert main(["run", *options, *latency, "--seconds", "0.25", "--no-rerun", "--out", str(first)]) == 0
+    assert main(["run", "--config", str(first / "summary.json"), "--no-rerun", "--out", str(second)]) == 0
+    one, other = (json.loads((out / "summary.json").read_text()) for out in (first, second))
+    # What the wall clock says is all that may differ.
+    for name in ("wall_s", "real_time_factor", "stage_ms"):
+        del one[name], other[name]
+    assert one == other
+
+
 def test_results_are_shown_on_the_standard_output(tmp_path, capsys):
     assert main(["run", "--perception", "oracle", "--seconds", "0.1", "--no-rerun", "--out", str(tmp_path / "out")]) == 0
     out = capsys.readouterr().out
@@ -85,7 +98,7 @@ def test_results_are_shown_on_the_standard_output(tmp_path, capsys):
         ("--actuation", "rocket", "--actuation is 'rocket'; allowed: ideal, ur5-cb, ur5-e"),
         ("--motion", "wobbling", "--motion is 'wobbling'; allowed: still, breathing, beating, both"),
         ("--prediction", "magic", "unknown prediction 'magic'; available: none, rate, rhythms"),
-        ("--optics", "rosy", "unknown optics preset 'rosy'; available: ideal, paper, worst"),
+        ("--optics", "rosy", "--optics is 'rosy'; allowed: ideal, paper, worst"),
         ("--trocar", "rusty", "--trocar is 'rusty'; allowed: none, lubricated, dry"),
         ("--weights", "nowhere.safetensors", "weights not found at nowhere.safetensors"),
         ("--seconds", "-1", "seconds is -1.0; allowed: above 0"),

@@ -135,3 +135,24 @@ def test_a_controller_that_fails_inside_the_residual_mode_makes_the_arm_hold():
     env.close()
     assert info["fault"] == "controller_not_finite"
     assert np.abs(after["tip_position"] - before["tip_position"]).max() < 1e-6
+
+
+def test_every_episode_begins_with_a_controller_that_was_reset():
+    from laploop.envs.tasks.configs import ReachConfig
+    from laploop.envs.tasks.reach import ReachEnv
+
+    class Counting:
+        resets = 0
+
+        def reset(self):
+            self.resets += 1
+
+        def command(self, state):
+            return np.zeros(3)
+
+    controller = Counting()
+    env = ReachEnv(ReachConfig(action_mode="residual"), perception="oracle", controller=controller)
+    for expected in (1, 2):
+        env.reset(seed=3)
+        assert controller.resets == expected
+    env.close()
