@@ -59,7 +59,11 @@ def test_given_weights_are_used():
 
 def test_prediction_can_be_switched_off(monkeypatch):
     seen = []
-    monkeypatch.setattr(episode, "make_controller", lambda *arguments: seen.append(arguments[2]) or make_controller(*arguments))
+    monkeypatch.setattr(
+        episode,
+        "make_controller",
+        lambda *given, prediction, **named: seen.append(prediction) or make_controller(*given, prediction=prediction, **named),
+    )
     for prediction in (None, "none"):
         run_episode(EpisodeConfig.of(task="track", perception="oracle", prediction=prediction, seconds=0.05))
     assert seen == [None, "none"]
