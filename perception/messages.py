@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.errors import InvalidValueError
+from laploop.perception.geometry import rigid_transform
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -19,6 +20,16 @@ class StripeFrame:
     available_ns: int
     world_from_camera: NDArray[np.float64]
     """4x4, computer-vision camera, from the camera arm's kinematics at the time of capture."""
+
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If the image is not grey, a time is no integer, or the pose is not rigid.
+        """
+        if not isinstance(self.image, np.ndarray) or self.image.ndim != 2 or self.image.dtype != np.uint8:
+            raise InvalidValueError("image", _in_words(self.image), "an array of uint8, (height, width)")
+        _check_times_and_pose(self)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,6 +70,30 @@ class DepthFrame:
     world_from_camera: NDArray[np.float64]
     """4x4, as in the stripe frame that it was made from."""
 
+    def __post_init__(self) -> None:
+        """Check every field.
+
+        Raises:
+            InvalidValueError: If there is no estimate, a time is no integer, or the pose is not rigid.
+        """
+        if not isinstance(self.estimate, DepthEstimate):
+            raise InvalidValueError("estimate", _in_words(self.estimate), "a DepthEstimate")
+        _check_times_and_pose(self)
+
     def age_ns(self, now_ns: int) -> int:
         """Time since capture."""
         return now_ns - self.captured_ns
+
+
+def _check_times_and_pose(frame: StripeFrame | DepthFrame) -> None:
+    for name in ("index", "captured_ns", "available_ns"):
+        value = getattr(frame, name)
+        if isinstance(value, bool) or not isinstance(value, int | np.integer):
+            raise InvalidValueError(name, value, "an integer")
+    if frame.available_ns < frame.captured_ns:
+        raise InvalidValueError("available_ns", frame.available_ns, f"captured_ns, {frame.captured_ns}, or later")
+    rigid_transform("world_from_camera", frame.world_from_camera)
+
+
+def _in_words(value: object) -> str:
+    return f"{value.dtype}, shape {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__

@@ -33,7 +33,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from laploop.errors import InvalidValueError, MissingFileError, OutputError
+from laploop.errors import InvalidValueError, OutputError, check_file
 from laploop.perception.calibration.hand_eye import HandEyeCalibration
 from laploop.perception.calibration.projector import UNKNOWNS, ProjectorCalibration
 from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
@@ -135,10 +135,9 @@ def load_record(path: Path) -> CalibrationRecord:
         InvalidValueError: If it is not JSON, of another schema or version or in other units, lacks a field, or a field holds
             something impossible; names the field.
     """
+    path = check_file("calibration", path, "give the calibration.json of a bench or of the simulator")
     try:
         content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-    except FileNotFoundError:
-        raise MissingFileError("calibration", path, "give the calibration.json of a bench or of the simulator") from None
     # Deep nesting ends in a RecursionError.
     except (OSError, ValueError, RecursionError) as error:
         raise InvalidValueError("calibration", str(path), f"a JSON file that can be read ({error})") from error

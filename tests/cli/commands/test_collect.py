@@ -81,6 +81,16 @@ def test_verify_tells_a_good_data_set_from_a_spoilt_one(out, capsys):
     assert "pair 1: not done" in capsys.readouterr().out
 
 
+def test_verify_refuses_a_data_set_whose_configuration_is_gone(out, tmp_path, capsys):
+    path = tmp_path / "pairs.zarr"
+    shutil.copytree(out / "pairs.zarr", path)
+    content = json.loads((path / "zarr.json").read_text())
+    del content["attributes"]["config"]
+    (path / "zarr.json").write_text(json.dumps(content))
+    assert main(["collect", "--verify", str(path)]) == 2
+    assert "its attributes are not those that were written" in capsys.readouterr().err
+
+
 def test_bad_input_ends_with_status_2_and_a_message(out, calibration, tmp_path, capsys):
     there = ["--calibration", str(calibration), "--out", str(out)]
     for arguments, message in (
