@@ -216,6 +216,16 @@ def test_all_that_a_controller_knows_comes_from_the_kinematics_that_it_believes_
     np.testing.assert_allclose(observation["tip_position"], env.control_input().tip_in_camera, atol=1e-6)
 
 
+def test_each_moved_shaft_is_told_where_the_other_is(task_env):
+    for task in ("reach", "look"):
+        env = task_env(task)
+        env.reset(seed=3)
+        env.step(STILL)
+        controller = env.loop._scope_controller if env.moves_scope else env.loop._tool_controller
+        # Metres: the arms are at rest, so that what the controller keeps clear of is what the monitor sees.
+        assert controller.shaft_clearance_m == pytest.approx(1e-3 * env.loop.watch.worst.shaft_room_mm, abs=1e-5)
+
+
 def test_time_runs_in_whole_control_periods(task_env):
     env = task_env("reach")
     env.reset(seed=3)

@@ -5,6 +5,7 @@ import pytest
 
 from laploop.control.controllers.registry import make_controller
 from laploop.envs.tasks.actions import action_bound
+from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import InvalidValueError
 
 PERIOD_S = 0.008
@@ -116,6 +117,20 @@ def test_an_action_that_is_not_finite_is_an_error_or_a_hold(task_env):
     assert np.abs(after["tip_position"] - before["tip_position"]).max() < 1e-6
     *_, info = env.step(np.zeros(3))
     assert info["fault"] is None
+
+
+@pytest.mark.parametrize(("force_n", "out_mm"), [(0.6, 0.0), (0.8, 2.4)])
+def test_a_tip_that_nobody_commands_withdraws_along_its_shaft_from_what_presses_on_it(task_env, monkeypatch, force_n, out_mm):
+    env = task_env("reach", bad_action="hold")
+    env.reset(seed=7)
+    monkeypatch.setattr(Theatre, "contact_force_in_world", lambda _: np.array([0.0, 0.0, force_n]))
+    start, axis = env.loop.theatre.tip_in_world(), env.loop.tool.shaft_axis_in_world()
+    for _ in range(10):
+        env.step(np.full(3, np.nan))
+    way_mm = 1e3 * (env.loop.theatre.tip_in_world() - start)
+    # 10 periods at 30 mm/s, less the start's acceleration and the servo's lag (below 0.8 mm); the axis points inwards.
+    assert -way_mm @ axis == pytest.approx(out_mm, abs=0.8 if out_mm else 1e-3)
+    assert np.linalg.norm(way_mm - (way_mm @ axis) * axis) < 0.05
 
 
 def test_a_controller_that_fails_inside_the_residual_mode_makes_the_arm_hold():

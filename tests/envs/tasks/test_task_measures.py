@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 from laploop.envs.tasks.configs import PathChoiceConfig
+from laploop.envs.tasks.scan import ScanEnv
 from laploop.envs.theatre.organ_motion import BaseMotion
 from laploop.envs.theatre.stage_travel import StageTravel
+from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import invert_transform, transform_points
 
@@ -66,6 +68,22 @@ def test_palpation_is_solved_by_holding_the_force_and_counts_only_near_the_targe
     assert last["reward_terms"]["band"] == 1.0
 
 
+def test_a_force_in_the_band_does_not_count_far_from_the_target(task_env, monkeypatch):
+    env = task_env("palpate")
+    env.reset(seed=3)
+    monkeypatch.setattr(Theatre, "contact_force_in_world", lambda _: np.array([0.0, 0.0, 0.5]))
+    *_, info = env.step(np.zeros(3, np.float32))
+    assert info["mean_force_n"] == pytest.approx(0.5)
+    assert info["target_error_mm"] > 20.0
+    assert not info["in_band"]
+    _, normal, target = env.target_offset()
+    # The ball's centre 4 mm beside an ideal touch is near enough.
+    place = target + 0.0015 * normal + 0.004 * np.cross(normal, [0.0, 1.0, 0.0])
+    monkeypatch.setattr(Theatre, "tip_in_world", lambda _: place)
+    *_, info = env.step(np.zeros(3, np.float32))
+    assert info["in_band"]
+
+
 def test_palpation_ends_above_two_newtons(task_env):
     env = task_env("palpate", max_seconds=6.0)
     env.reset(seed=3)
@@ -103,6 +121,23 @@ def test_a_short_scan_is_followed_to_its_end(task_env, run_task):
     assert metrics["standoff_rms_mm"] < 1.0
     assert metrics["path_length_mm"] == pytest.approx(12.0, abs=0.5)
     assert sum(info["reward_terms"]["progress"] for info in infos) == pytest.approx(metrics["path_length_mm"], abs=0.6)
+
+
+@pytest.mark.parametrize(
+    ("aside_mm", "high_mm", "ended"), [(0.0, 0.0, "success"), (1.2, 0.0, "inaccurate"), (0.0, 1.2, "inaccurate")]
+)
+def test_a_scan_must_be_square_and_at_the_standoff(task_env, monkeypatch, aside_mm, high_mm, ended):
+    env = task_env("scan")
+    env.reset(seed=4)
+    _, normal, foot = env.target_offset()
+    across = np.cross(normal, [0.0, 1.0, 0.0])
+    # The stand-off of 3 mm and the ball's radius; 1.2 mm aside are 15 degrees off the normal, of which 10 are allowed.
+    place = foot + (0.0045 + 1e-3 * high_mm) * normal + 1e-3 * aside_mm * across / np.linalg.norm(across)
+    monkeypatch.setattr(Theatre, "tip_in_world", lambda _: place)
+    monkeypatch.setattr(ScanEnv, "_progress", lambda _: 1.0)
+    *_, terminated, truncated, info = env.step(np.zeros(3, np.float32))
+    assert (info["terminated_by"], info["success"]) == (ended, ended == "success")
+    assert (terminated, truncated) == (True, False)
 
 
 @pytest.mark.parametrize(("changes", "distance_m"), [({}, 0.080), ({"working_distance_m": 0.1}, 0.1)])
