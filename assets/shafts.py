@@ -16,6 +16,7 @@ class Shaft:
     length_m: Annotated[float, Field(ge=0.1, le=1.0)]
     """From the flange to the origin of the shaft's frame."""
     diameter_m: Annotated[float, Field(ge=0.001, le=0.05)]
+    """Of the cylinder."""
     tip_radius_m: Annotated[float, Field(ge=0.0, le=0.02)]
     """Radius of the ball end whose centre is the origin of the frame; 0 for a flat face at the origin."""
 

@@ -3,19 +3,20 @@ from dataclasses import replace
 
 import pytest
 
-from laploop.cli.commands import calibrate as command
 from laploop.cli.main import EXIT_BAD_INPUT, EXIT_OK, main
 from laploop.perception.calibration.calibration_file import load_calibration, load_record
-from laploop.studies.calibration.run import calibrate_bench
+from laploop.studies.calibration import run
 
 
 def test_calibrate_writes_a_file_that_can_be_loaded_and_tells_the_residuals(tmp_path, monkeypatch):
+    calibrate_bench = run.calibrate_bench
+
     def coarsely(config, report):
         # A reference camera of a quarter of the pixels, which take most of the time.
         reference = replace(config.bench.reference, sampling="2x2")
         return calibrate_bench(replace(config, bench=replace(config.bench, reference=reference)), report)
 
-    monkeypatch.setattr(command, "calibrate_bench", coarsely)
+    monkeypatch.setattr(run, "calibrate_bench", coarsely)
     arguments = ["calibrate", "--views", "5", "--no-hand-eye", "--seed", "2", "--out", str(tmp_path)]
     assert main(arguments) == EXIT_OK
     summary = json.loads((tmp_path / "summary.json").read_text())

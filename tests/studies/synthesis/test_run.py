@@ -104,4 +104,4 @@ def test_estimators_keep_their_promise_on_tissues_nobody_has_seen(unseen, estima
     row = evaluate_depth(unseen, [estimator], progress=False).row(estimator)
     assert row.valid.mae_mm <= promised_mm
     assert row.valid.acc_1_1 > 0.99
-    assert row.valid_share > 0.4
+    assert row.valid_fraction > 0.4
