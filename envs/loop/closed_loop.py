@@ -64,6 +64,7 @@ class ClosedLoop:
         self.recorder: Recorder = recorder or NullRecorder()
         self.rig = Rig.from_optics(config.theatre.scope)
         self.timer = StageTimer()
+        self.max_force_n = self.mean_force_n = 0.0
         self._server: PerceptionServer | None = None
 
     def reset(self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None) -> None:
@@ -260,8 +261,7 @@ class ClosedLoop:
         self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
         self.max_port_force_n = {"camera": 0.0, "tool": 0.0}
         self.max_port_friction_n = {"camera": 0.0, "tool": 0.0}
-        self.max_force_n: float = 0.0
-        self.mean_force_n: float = 0.0
+        self.max_force_n = self.mean_force_n = 0.0
 
     def _running_server(self) -> PerceptionServer:
         if self._server is None:
