@@ -14,28 +14,9 @@ from laploop.configuration import allowed, alternatives, field_docs, to_plain
 
 _WIDTH = 100
 
-_UNITS = {
-    "hz": "Hz",
-    "s": "s",
-    "seconds": "s",
-    "ms": "ms",
-    "m": "m",
-    "mm": "mm",
-    "n": "N",
-    "pa": "Pa",
-    "w": "W",
-    "px": "px",
-    "rad": "rad",
-    "deg": "deg",
-    "mps": "m/s",
-    "mps2": "m/s^2",
-    "radps": "rad/s",
-    "radps2": "rad/s^2",
-    "rad_s": "rad/s",
-    "n_m": "N/m",
-    "ns_m": "N s/m",
-    "electrons": "electrons",
-    "steps": "physics steps",
+_WRITTEN = "hz=Hz seconds=s n=N pa=Pa w=W mps=m/s mps2=m/s^2 radps=rad/s radps2=rad/s^2 rad_s=rad/s n_m=N/m ns_m=Ns/m"
+_UNITS = dict(pair.split("=") for pair in _WRITTEN.split()) | {
+    unit: unit for unit in ("s", "ms", "m", "mm", "px", "rad", "deg")
 }
 """By the last words of a field's name."""
 
@@ -56,9 +37,10 @@ class Leaf:
     def note(self) -> str:
         """Its meaning, what is allowed, and its unit."""
         *_, before_last, last = ("", *self.path[-1].split("_"))
-        unit = _UNITS.get(f"{before_last}_{last}", _UNITS.get(last, "")) if re.search(r"\d", self.allowed) else ""
-        bounds = ", ".join(filter(None, [self.allowed, f"in {unit}" if unit else ""]))
-        return " ".join(filter(None, [" ".join(self.doc.split()), f"({bounds})" if bounds else ""]))
+        bounds, none = self.allowed.removesuffix(", or none"), ", or none" if self.allowed.endswith(", or none") else ""
+        if re.search(r"\d", bounds):
+            bounds = f"{bounds} {_UNITS.get(f'{before_last}_{last}', _UNITS.get(last, ''))}".rstrip()
+        return " ".join([*self.doc.split(), *([f"({bounds}{none})"] if bounds else [])])
 
 
 def leaves(tree: Any) -> dict[tuple[str, ...], Leaf]:

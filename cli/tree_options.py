@@ -55,11 +55,7 @@ class FileOptions:
         return plain
 
     def loop(self) -> LoopConfig | None:
-        """Return the loop that the file configures; None without a file.
-
-        Raises:
-            LaploopError: If a value is not allowed.
-        """
+        """Return the loop that the file configures; None without a file."""
         plain = self.read()
         return _episode(plain, None, str(self.config)).task.loop if plain else None
 
@@ -72,11 +68,7 @@ class TreeOptions:
     file: Annotated[FileOptions, tyro.conf.arg(name="")] = field(default_factory=FileOptions)
 
     def tree(self) -> EpisodeConfig:
-        """Return the episode of the file with the options in place.
-
-        Raises:
-            LaploopError: If a value is not allowed.
-        """
+        """Return the episode of the file with the options in place."""
         plain = self.file.read()
         if not plain:
             return self.episode.episode()
@@ -114,11 +106,7 @@ def with_options(episode: EpisodeConfig, tokens: Sequence[str], kind: type) -> E
 
 
 def with_plain(episode: EpisodeConfig, plain: Plain, *, source: str = "") -> EpisodeConfig:
-    """Return an episode with what a file holds in place of its own.
-
-    Raises:
-        LaploopError: If a value is not allowed.
-    """
+    """Return an episode with what a file holds in place of its own."""
     return from_plain(EpisodeConfig, _merged(to_plain(episode), plain), source=source)
 
 

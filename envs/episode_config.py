@@ -53,11 +53,7 @@ class PerceptionConfig:
     """Further arguments of the estimator, by name."""
 
     def __post_init__(self) -> None:
-        """Check the name.
-
-        Raises:
-            UnknownNameError: If there is no such estimator.
-        """
+        """Check the name."""
         ESTIMATORS.check(self.name)
 
 
@@ -71,11 +67,7 @@ class ControllerConfig:
     """Further arguments of the controller, by name; of a scripted one, fields of its configuration."""
 
     def __post_init__(self) -> None:
-        """Check the name.
-
-        Raises:
-            UnknownNameError: If there is no such controller.
-        """
+        """Check the name."""
         if self.name != OWN:
             CONTROLLERS.check(self.name)
 
@@ -91,12 +83,7 @@ class PredictorConfig:
     """Further arguments of the predictor, by name."""
 
     def __post_init__(self) -> None:
-        """Check the name.
-
-        Raises:
-            UnknownNameError: If there is no such predictor.
-            InvalidValueError: If there are arguments and no name.
-        """
+        """Check the name."""
         if self.name != OWN:
             PREDICTORS.check(self.name)
         elif self.arguments:

@@ -21,7 +21,7 @@ from laploop.errors import InvalidValueError
 Array = NDArray[np.float64]
 
 _FARTHEST_M = 100.0
-"""Farther apart, nothing that one camera sees can be."""
+"""Largest translation of a transform: a camera sees nothing that far away."""
 
 _Size = Annotated[int, Field(ge=1, le=16384)]
 _Focal = Annotated[float, Field(gt=0.0, le=1e6)]
@@ -59,7 +59,7 @@ class Intrinsics:
         return np.stack([grid_x, grid_y, np.ones_like(grid_x)], axis=-1)
 
     def project(self, points_in_camera: Array) -> Array:
-        """Project points (..., 3) in metres to pixels (..., 2); the caller sees to it that z is positive."""
+        """Project points (..., 3) in metres to pixels (..., 2); z must be positive."""
         z = points_in_camera[..., 2]
         u = self.fx * points_in_camera[..., 0] / z + self.cx
         v = self.fy * points_in_camera[..., 1] / z + self.cy
@@ -124,12 +124,12 @@ def rigid_transform(name: str, transform: Any) -> Array:
     """Return a read-only copy of a rigid transform, 4x4, metres.
 
     Args:
-        name: What it is called, for the message.
+        name: Its name, for the message.
         transform: The transform.
 
     Raises:
-        InvalidValueError: If it is no 4x4 matrix of finite numbers, not a rotation and a translation, or shifts by more than
-            100 m.
+        InvalidValueError: If it is not a 4x4 matrix of finite numbers, not a rotation and a translation, or its translation
+            exceeds 100 m.
     """
     try:
         found = np.array(transform, dtype=np.float64)

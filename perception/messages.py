@@ -1,4 +1,4 @@
-"""What the stages of the loop say to each other. All times are integer nanoseconds of simulated time."""
+"""Messages between the stages of the loop. All times are integer nanoseconds of simulated time."""
 
 from dataclasses import dataclass
 
@@ -34,7 +34,7 @@ class StripeFrame:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DepthEstimate:
-    """What an estimator says about one image."""
+    """An estimator's depth of one image."""
 
     depth_mm: NDArray[np.float32]
     """(height, width), z-depth; always finite, undefined where `valid` is False."""
@@ -61,7 +61,7 @@ class DepthEstimate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DepthFrame:
-    """A depth estimate on its way from the perception stage to its consumers, who see it from `available_ns` on."""
+    """A depth estimate on its way from perception to its consumers, who see it from `available_ns` on."""
 
     index: int
     estimate: DepthEstimate

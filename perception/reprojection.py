@@ -18,7 +18,7 @@ from laploop.perception.geometry import Intrinsics, rigid_transform
 Array = NDArray[np.float64]
 
 _CHUNK = 1 << 13
-"""Points worked on at a time: their intermediate results stay in a core's cache."""
+"""Number of points processed at a time, so that intermediate results stay in a core's cache."""
 
 
 _Coefficient = Annotated[float, Field(ge=-1e3, le=1e3)]
@@ -48,7 +48,7 @@ class BrownDistortion:
         return math.sqrt(min(turning)) if turning else math.inf
 
     def apply(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return where the lens shows the tangent coordinates (x, y), both of the same shape, in tangent coordinates."""
+        """Return the distorted tangent coordinates of (x, y), two arrays of one shape."""
         r2 = x * x + y * y
         radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
         cross = 2.0 * x * y
@@ -93,10 +93,10 @@ def reproject(
     intrinsics: Intrinsics,
     distortion: BrownDistortion | None = None,
 ) -> ReprojectedDepth:
-    """Show the points of a reference camera in the scope's image (equations 4 to 6).
+    """Reproject the points of a reference camera into the scope's image (equations 4 to 6).
 
-    A point belongs to the pixel that its image falls into; of several the nearest stays. Points with a NaN, behind the
-    scope's camera, or outside its image are left out.
+    A point belongs to the pixel that contains its image; the nearest of several is kept. Points that are NaN, behind the
+    scope's camera or outside its image are left out.
 
     Args:
         xyz_mm: (..., 3) points in the reference camera's frame, millimetres, NaN where invalid; (height, width, 3) as the
@@ -117,7 +117,7 @@ def reproject(
     nearest = np.full(count, np.inf, dtype=np.float32)
     for start in range(0, len(points), _CHUNK):
         in_scope = np.asarray(points[start : start + _CHUNK].T, dtype=np.float64)
-        # Infinite coordinates make NaN here, which no comparison lets pass.
+        # Infinite coordinates become NaN here, for which every comparison is false.
         with np.errstate(invalid="ignore", over="ignore"):
             in_scope = rotation @ in_scope + offset_mm
             pixel, depth = _pixels(in_scope, intrinsics, distortion)
@@ -129,11 +129,11 @@ def reproject(
 
 
 def _pixels(points: Array, intrinsics: Intrinsics, distortion: BrownDistortion | None) -> tuple[NDArray[np.intp], Array]:
-    """Return the pixel's number and the depth of those of the points (3, n), in the camera's frame, that its image shows."""
+    """Return pixel number and depth of those points (3, n), in the camera's frame, that lie inside its image."""
     k = intrinsics
     if distortion is None:
         x, y, z = points
-        # Multiplied by z > 0 instead of divided, for most points are outside the image.
+        # Multiplied by z > 0 rather than divided, since most points lie outside the image.
         u, v = k.fx * x + k.cx * z, k.fy * y + k.cy * z
         seen = (z > 0.0) & (u >= 0.0) & (v >= 0.0) & (u < k.width * z) & (v < k.height * z)
         depth = z[seen]
@@ -147,7 +147,7 @@ def _pixels(points: Array, intrinsics: Intrinsics, distortion: BrownDistortion |
         seen = (u >= 0.0) & (v >= 0.0) & (u < k.width) & (v < k.height)
         seen &= x * x + y * y < distortion.largest_radius_tan**2
         u, v, depth = u[seen], v[seen], depth[seen]
-    # A quotient just below the border may round up to it.
+    # A quotient just below the border may be rounded up to it.
     column = np.minimum(u.astype(np.intp), k.width - 1)
     row = np.minimum(v.astype(np.intp), k.height - 1)
     return row * k.width + column, depth

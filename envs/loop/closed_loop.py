@@ -64,6 +64,7 @@ class ClosedLoop:
         self.recorder: Recorder = recorder or NullRecorder()
         self.rig = Rig.from_optics(config.theatre.scope)
         self.timer = StageTimer()
+        self.max_force_n = self.mean_force_n = 0.0
         self._server: PerceptionServer | None = None
 
     def reset(self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None) -> None:
@@ -98,10 +99,7 @@ class ClosedLoop:
         self.frame_count = 0
         models = {"camera": self.scope.model, "tool": self.tool.model}
         self.watch = LimitMonitor(self.theatre, models, self.config.rcm, self.config.control_s)
-        self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
-        self.max_port_force_n = {"camera": 0.0, "tool": 0.0}
-        self.max_port_friction_n = {"camera": 0.0, "tool": 0.0}
-        self.max_force_n = self.mean_force_n = 0.0
+        self._begin_period()
         self.first_captured: CapturedFrame | None = None
         self.newest_captured: CapturedFrame | None = None
         self.newest_served: ServedFrame | None = None
@@ -130,7 +128,7 @@ class ClosedLoop:
         Returns:
             The depth frames that arrived, oldest first.
         """
-        rates = self.config
+        control_s, steps = self.config.control_s, self.config.physics_steps_per_control
         with self.timer.measure("control"):
             rotation = self.scope.world_from_camera()[:3, :3]
             # Each shaft keeps clear of the other, where that one's nominal kinematics put it.
@@ -138,28 +136,25 @@ class ClosedLoop:
             wanted = rotation @ tip_velocity_in_camera
             if self._scope_controller is None:
                 wanted = self._within_reach(self.tool, self._tool_controller, wanted)
-            q, qdot = self._tool_controller.step(wanted, rates.control_s)
+            q, qdot = self._tool_controller.step(wanted, control_s)
             self.tool.command(q, qdot)
             self.watch.commanded("tool", qdot)
             if self._scope_controller is not None:
                 self._scope_controller.set_other_shaft(self.tool.tip_pose_in_world(), self.tool.model.shaft)
                 requested = np.zeros(3) if scope_velocity_in_camera is None else rotation @ scope_velocity_in_camera
                 wanted = self._within_reach(self.scope, self._scope_controller, requested)
-                q, qdot = self._scope_controller.step(wanted, rates.control_s)
+                q, qdot = self._scope_controller.step(wanted, control_s)
                 self.scope.command(q, qdot)
                 self.watch.commanded("camera", qdot)
         self.timer.complete("control")
         self._proprioception.before_control_period()
-        self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
-        self.max_port_force_n = {"camera": 0.0, "tool": 0.0}
-        self.max_port_friction_n = {"camera": 0.0, "tool": 0.0}
-        self.max_force_n = self.mean_force_n = 0.0
+        self._begin_period()
         served: list[ServedFrame] = []
-        for remaining in reversed(range(rates.physics_steps_per_control)):
+        for remaining in reversed(range(steps)):
             with self.timer.measure("physics"):
                 self.theatre.step()
                 # MuJoCo leaves poses one step old; whoever reads them gets fresh ones.
-                if remaining == 0 or self.now_ns % rates.camera_ns == 0:
+                if remaining == 0 or self.now_ns % self.config.camera_ns == 0:
                     self.theatre.refresh()
             self.timer.complete("physics")
             self._proprioception.after_physics_step()
@@ -170,7 +165,7 @@ class ClosedLoop:
             self.watch.stepped()
             force = float(np.linalg.norm(self.theatre.contact_force_in_world()))
             self.max_force_n = max(self.max_force_n, force)
-            self.mean_force_n += force / rates.physics_steps_per_control
+            self.mean_force_n += force / steps
             self._capture_if_due()
             served += self._deliver()
         return served
@@ -260,6 +255,13 @@ class ClosedLoop:
         if self._server is not None:
             self._server.close()
             self._server = None
+
+    def _begin_period(self) -> None:
+        """Forget the extremes of the last control period."""
+        self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
+        self.max_port_force_n = {"camera": 0.0, "tool": 0.0}
+        self.max_port_friction_n = {"camera": 0.0, "tool": 0.0}
+        self.max_force_n = self.mean_force_n = 0.0
 
     def _running_server(self) -> PerceptionServer:
         if self._server is None:

@@ -64,11 +64,7 @@ class Fault:
     """What a saturated force sensor reads."""
 
     def __post_init__(self) -> None:
-        """Check begin and end.
-
-        Raises:
-            InvalidValueError: If the fault does not end after it began.
-        """
+        """Check begin and end."""
         if not self.start_s < self.end_s:
             raise InvalidValueError("end_s", self.end_s, f"above start_s ({self.start_s:g})")
 

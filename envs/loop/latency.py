@@ -29,7 +29,9 @@ class ConstantLatency:
     """Every frame takes the same time."""
 
     kind: Literal["constant"] = "constant"
+    """The same for every frame, drawn from a log-normal distribution, or replayed from a trace."""
     latency_ms: Milliseconds = 40.0
+    """Service time of a frame."""
 
     def samples_ns(self, rng: np.random.Generator) -> Iterator[int]:  # noqa: ARG002  the same for all models
         """Yield the service time of one frame after another."""
@@ -42,6 +44,7 @@ class LognormalLatency:
 
     kind: Literal["lognormal"] = "lognormal"
     median_ms: Annotated[float, Field(gt=0.0, le=5000.0)] = 40.0
+    """Median of the service times."""
     sigma: Annotated[float, Field(ge=0.0, le=3.0)] = 0.2
     """Standard deviation of the logarithm."""
 

@@ -31,7 +31,9 @@ class ReachRewardWeights(RewardWeights):
     """What each term of the reach task's reward counts."""
 
     progress: Weight = 20.0
+    """Of the distance gained in a control period."""
     contact: Weight = 0.1
+    """Of touching near the target."""
 
 
 @configuration
@@ -51,7 +53,9 @@ class TrackRewardWeights(RewardWeights):
     """What each term of the tracking task's reward counts."""
 
     normal: Weight = 1.0
+    """Of the error along the normal."""
     contact: Weight = 1.0
+    """Of touching anything."""
 
 
 @configuration
@@ -75,7 +79,9 @@ class PalpateRewardWeights(RewardWeights):
     """What each term of the palpation task's reward counts."""
 
     band: Weight = 1.0
+    """Of a force in its band."""
     deviation: Weight = 0.5
+    """Of the force's relative distance from its goal."""
 
 
 @configuration
@@ -100,11 +106,7 @@ class PalpateConfig(TaskConfig):
     """Largest distance of the tip from an ideal touch of the target at which a force counts."""
 
     def __post_init__(self) -> None:
-        """Check that the band stays clear of zero and of the harmful force.
-
-        Raises:
-            InvalidValueError: If it does not.
-        """
+        """Check that the band stays clear of zero and of the harmful force."""
         if not self.tolerance_n < self.force_n < self.harm_force_n - self.tolerance_n:
             raise InvalidValueError("force_n", self.force_n, "above tolerance_n, and below harm_force_n by more than that")
 
@@ -127,11 +129,7 @@ class PathChoiceConfig:
     """What each of its points must keep."""
 
     def __post_init__(self) -> None:
-        """Check that the path has points enough.
-
-        Raises:
-            InvalidValueError: If the spacing is more than a fifth of the length.
-        """
+        """Check that the path has points enough."""
         if self.spacing_m > 0.2 * self.length_m:
             raise InvalidValueError("spacing_m", self.spacing_m, "0.0005 m to a fifth of length_m")
 
@@ -146,8 +144,11 @@ class ScanRewardWeights(RewardWeights):
     """What each term of the scanning task's reward counts."""
 
     progress: Weight = 1.0
+    """Of millimetres scanned."""
     standoff: Weight = 1.0
+    """Of the error of the stand-off."""
     contact: Weight = 1.0
+    """Of touching anything."""
 
 
 @configuration
@@ -177,6 +178,7 @@ class LookRewardWeights(RewardWeights):
     """What each term of the looking task's reward counts."""
 
     centre: Weight = 1.0
+    """Of the distance from the middle of the view."""
 
 
 @configuration

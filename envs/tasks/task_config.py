@@ -29,10 +29,15 @@ class RewardWeights:
     """What each term of the reward counts; a term times its weight is what `info["reward_terms"]` shows."""
 
     distance: Weight = 1.0
+    """Of the distance from the goal."""
     force: Weight = 0.5
+    """Of newtons above the alarm."""
     effort: Weight = 0.02
+    """Of the squared fraction of the largest commanded speed."""
     success: Weight = 10.0
+    """Of solving the task."""
     harm: Weight = 10.0
+    """Of passing a safety limit."""
 
 
 @configuration

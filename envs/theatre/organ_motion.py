@@ -27,11 +27,15 @@ class BaseMotion:
     """
 
     breathing_peak_to_peak_m: PeakToPeak = 0.0
+    """Stroke of respiration."""
     breathing_hz: Frequency = 0.25
+    """Frequency of respiration."""
     breathing_phase_rad: Phase | None = None
     """Phase at time 0; by default the theatre's seed draws it."""
     beating_peak_to_peak_m: PeakToPeak = 0.0
+    """Stroke of the heartbeat."""
     beating_hz: Frequency = 1.2
+    """Frequency of the heartbeat."""
     beating_phase_rad: Phase | None = None
     """Phase at time 0; by default the theatre's seed draws it."""
 

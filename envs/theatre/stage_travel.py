@@ -19,9 +19,13 @@ class StageTravel:
     """Two sines along the world's x and y that start from the middle, as when an organ is retracted; off by default."""
 
     x_peak_to_peak_m: PeakToPeak = 0.0
+    """Stroke along the world's x."""
     x_hz: Frequency = 0.08
+    """Frequency along the world's x."""
     y_peak_to_peak_m: PeakToPeak = 0.0
+    """Stroke along the world's y."""
     y_hz: Frequency = 0.05
+    """Frequency along the world's y."""
 
     def displacement(self, time_s: float) -> Array:
         """Return the stage's offset from its middle at a time, (2,), metres along the world's x and y."""

@@ -13,16 +13,16 @@ _OPENCV_CENTRE = 0.5
 """OpenCV's first pixel has its centre at 0, ours at 0.5. Corners are shifted here, where they come from OpenCV, and nowhere
 else: its solvers take pixels as they are, so that what they return follows our convention."""
 _WINDOW_OF_SQUARE = 0.35
-"""Half-width of the window in which a corner is refined, in squares: no other edge comes into it."""
+"""Half-width, in squares, of the window in which a corner is refined; it contains no other edge."""
 _LARGE_PX = 1600
 _ATTEMPTS = (
     cv2.CALIB_CB_EXHAUSTIVE,
     cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE,
 )
-"""Flags, tried in turn. Equal histograms bring out a board in dim light, but make texture of the noise of a dark surround, and
-hide others: each alone loses views that the other finds."""
-_LEAST_OUTER_CONTRAST = 0.3
-"""Of the outermost squares of each side, as a share of the inner ones' contrast; on blank paper it is zero."""
+"""Flags, tried in turn. Histogram equalisation reveals a board in dim light, but amplifies noise in a dark surround: each alone
+misses views that the other finds."""
+_MIN_OUTER_CONTRAST = 0.3
+"""Smallest contrast of each side's outermost squares, as a fraction of the inner ones'; on blank paper it is zero."""
 
 
 def find_corners(image: NDArray[np.uint8], board: CalibrationBoard) -> Array | None:
@@ -32,7 +32,7 @@ def find_corners(image: NDArray[np.uint8], board: CalibrationBoard) -> Array | N
 
     Args:
         image: (H, W) grey, or (H, W, 3 or 4) with red, green and blue first.
-        board: Of the picture; all its squares must be seen.
+        board: The board; all its squares must be in view.
 
     Returns:
         (n, 2) pixels in the order of `board.corners`, pixel centres at +0.5; None where the board is not found.
@@ -54,7 +54,7 @@ def find_corners(image: NDArray[np.uint8], board: CalibrationBoard) -> Array | N
 
 
 def _find_grid(grey: NDArray[np.uint8], across: int, down: int) -> NDArray[np.float32] | None:
-    """Find the grid roughly, (down, across, 2) in OpenCV's pixels; in large pictures shrunk to a half first, for speed."""
+    """Find the grid roughly, (down, across, 2) in OpenCV's pixels; large pictures are halved first, for speed."""
     scales = (2, 1) if max(grey.shape) > _LARGE_PX else (1,)
     for scale in scales:
         height, width = (size // scale for size in grey.shape)
@@ -83,25 +83,25 @@ def _shortest(steps: NDArray[np.float32]) -> float:
 
 
 def _in_order(corners: Array, grey: NDArray[np.uint8]) -> Array:
-    """Put detected corners (down, across, 2) into the order of the board's: not mirrored, and not turned by half a turn."""
+    """Put detected corners (down, across, 2) into the board's order: not mirrored, and not turned by 180 degrees."""
     along, downwards = corners[0, -1] - corners[0, 0], corners[-1, 0] - corners[0, 0]
     if along[0] * downwards[1] - along[1] * downwards[0] < 0.0:
         corners = corners[::-1]
-    # Seen from its first corner, the first square within the corners is dark, as the one left above is.
+    # In the board's order, the first square within the corners is dark.
     return corners if _contrast(_squares(corners, grey)) > 0.0 else corners[::-1, ::-1]
 
 
 def _shows_whole_board(corners: Array, grey: NDArray[np.uint8]) -> bool:
-    """Tell whether squares lie outside of all outer corners (down, across, 2), in order.
+    """Tell whether squares lie beyond all outer corners (down, across, 2), which are in order.
 
-    Where one direction has a corner more than the other, the detector now and then takes the board by a quarter turn, and the
-    squares' outline on the blank border for the corners that it misses.
+    With one more corner in one direction than in the other, the detector sometimes turns the board by 90 degrees and takes the
+    outline of the squares on the blank border for the missing corners.
     """
     outer = np.pad(corners, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
     squares = _squares(outer, grey)
-    least = _LEAST_OUTER_CONTRAST * _contrast(squares[1:-1, 1:-1])
+    least = _MIN_OUTER_CONTRAST * _contrast(squares[1:-1, 1:-1])
     last = np.array(squares.shape) - 1
-    # The first square of the last row and column is dark or bright as their number says.
+    # Whether the last row and column begin with a dark or a bright square depends on their number.
     sides = ((squares[:1], 0), (squares[-1:], last[0]), (squares[:, :1], 0), (squares[:, -1:], last[1]))
     return all((1 - 2 * (first % 2)) * _contrast(side) > least for side, first in sides)
 
@@ -115,6 +115,6 @@ def _squares(corners: Array, grey: NDArray[np.uint8]) -> Array:
 
 
 def _contrast(squares: Array) -> float:
-    """Return how much brighter the squares are whose row and column add up to an odd number."""
+    """Return how much brighter the squares with an odd sum of row and column are."""
     even = np.add.outer(np.arange(squares.shape[0]), np.arange(squares.shape[1])) % 2 == 0
     return float(squares[~even].mean() - squares[even].mean())

@@ -1,4 +1,4 @@
-"""`calibration.json`: a calibration that a bench, or the simulator, can write and everybody read.
+"""`calibration.json`: a calibration, written by a bench or by the simulator.
 
 The file holds, in metres and pixels (centre of the first pixel at (0.5, 0.5), as `units` says):
 
@@ -20,11 +20,10 @@ and, where they were calibrated,
         flange_from_camera, world_from_board: 4x4, row by row
         view_errors_px
 
-Other keys may stand beside these; they are left alone and not kept.
+Other keys are ignored.
 """
 
 import json
-import os
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -33,12 +32,13 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from laploop.errors import InvalidValueError, OutputError, check_file
+from laploop.errors import InvalidValueError, check_file
 from laploop.perception.calibration.hand_eye import HandEyeCalibration
 from laploop.perception.calibration.projector import UNKNOWNS, ProjectorCalibration
 from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
 from laploop.perception.geometry import Intrinsics
 from laploop.perception.reprojection import BrownDistortion
+from laploop.whole_file import whole_file
 
 SCHEMA = "laploop calibration"
 VERSION = 1
@@ -47,7 +47,7 @@ UNITS = {"length": "m", "pixel": "px, the centre of the first pixel is (0.5, 0.5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CalibrationRecord:
-    """All that a calibration file holds."""
+    """The content of a calibration file."""
 
     stereo: StereoCalibration
     projector: ProjectorCalibration | None = None
@@ -72,22 +72,8 @@ def save_calibration(
     Raises:
         OutputError: If the file cannot be written.
     """
-    text = as_json(calibration, projector=projector, hand_eye=hand_eye)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        partial.replace(path)
-    except OSError as error:
-        # What cannot be removed either (a folder turned read-only, say) must not hide the first error.
-        try:
-            partial.unlink(missing_ok=True)
-        except OSError as second:
-            error.add_note(f"{partial} is left behind: {second}")
-        raise OutputError(f"cannot write the calibration to {path}: {error}") from error
+    with whole_file(path) as partial:
+        partial.write_text(as_json(calibration, projector=projector, hand_eye=hand_eye), encoding="utf-8")
 
 
 def as_json(
@@ -128,12 +114,12 @@ def load_calibration(path: Path) -> StereoCalibration:
 
 
 def load_record(path: Path) -> CalibrationRecord:
-    """Read a calibration with those of its optional sections that it has.
+    """Read a calibration and its optional sections.
 
     Raises:
         MissingFileError: If there is no such file.
-        InvalidValueError: If it is not JSON, of another schema or version or in other units, lacks a field, or a field holds
-            something impossible; names the field.
+        InvalidValueError: If it is not JSON, of another schema or version, in other units, or a field is missing or impossible;
+            the message names the field.
     """
     path = check_file("calibration", path, "give the calibration.json of a bench or of the simulator")
     try:
@@ -219,7 +205,7 @@ def _field(content: Any, *names: str) -> Any:
 
 
 def _number(value: Any) -> float:
-    # Whole numbers may have any number of digits, and 1e400 is read as infinity.
+    # Integers may have any number of digits, and 1e400 is read as infinity.
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         raise InvalidValueError("number", str(value)[:50], "a finite JSON number")
     return float(value)

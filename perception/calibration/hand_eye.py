@@ -1,4 +1,4 @@
-"""Where the camera is on the arm's flange, from views of a fixed board (AX = XB)."""
+"""Pose of the camera on the arm's flange, from views of a fixed board (AX = XB)."""
 
 import math
 from collections.abc import Sequence
@@ -19,20 +19,20 @@ from laploop.perception.geometry import invert_transform, rigid_transform
 
 Array = NDArray[np.float64]
 
-_LEAST_TURN_DEG = 10.0
-"""About the second of the axes that the arm turned about; with turns about one axis alone, the shift along it is unknown."""
+_MIN_TURN_DEG = 10.0
+"""About the arm's second axis of rotation: rotations about one axis alone leave the translation along it undetermined."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HandEyeCalibration:
-    """The camera on the flange, and the board in the arm's world."""
+    """Poses of the camera on the flange and of the board in the arm's world."""
 
     flange_from_camera: Array
     """4x4, metres."""
     world_from_board: Array
     """4x4, metres."""
     view_errors_px: tuple[float, ...]
-    """For each view the root mean square distance between corners and reprojections, the joint angles being taken as true."""
+    """For each view, the root mean square distance between corners and reprojections; joint angles are taken as exact."""
 
     def __post_init__(self) -> None:
         """Check every field.
@@ -55,17 +55,17 @@ def calibrate_hand_eye(
 ) -> HandEyeCalibration:
     """Estimate the camera's pose on the flange.
 
-    Park and Martin's closed form (IEEE Trans Robot Autom 1994) on the poses of single views is the start; then the camera on
-    the flange and the board in the world are refined on the corners of all views, the arm's poses being taken as true.
+    Park and Martin's closed form (IEEE Trans Robot Autom 1994) on the poses of single views gives the start; both poses are
+    then refined on the corners of all views, with the arm's poses taken as exact.
 
     Args:
-        world_from_flange: The arm's forward kinematics, (4, 4) a view.
-        views: The board's corners, (n, 2) a view.
-        board: Stands still.
+        world_from_flange: The arm's forward kinematics, (4, 4) for each view.
+        views: The board's corners, (n, 2) for each view.
+        board: The board, which stands still.
         camera: The calibrated camera.
 
     Raises:
-        InvalidValueError: If there are too few views, not as many poses, or the arm did not turn about two axes.
+        InvalidValueError: If there are too few views, another number of poses, or the arm did not turn about two axes.
     """
     check_view_count(len(views))
     if len(world_from_flange) != len(views):
@@ -83,7 +83,7 @@ def calibrate_hand_eye(
         return corners - camera.project(in_camera)
 
     start = np.concatenate([pose_as_vector(flange_from_camera), pose_as_vector(world_from_board)])
-    # MINPACK, since it needs no BLAS, whose last digits depend on the number of its threads.
+    # MINPACK does without BLAS, whose last digits depend on its number of threads.
     solution: Any = least_squares(lambda values: misfit(values).ravel(), start, x_scale="jac", jac="3-point", method="lm")
     found = vectors_as_poses(solution.x.reshape(2, 6))
     squares = (misfit(solution.x) ** 2).sum(axis=-1).mean(axis=-1)
@@ -97,8 +97,8 @@ def calibrate_hand_eye(
 def solve_ax_xb(world_from_flange: Sequence[Array], camera_from_board: Sequence[Array]) -> Array:
     """Return X = flange_from_camera, 4x4, of A X = X B for the motions A and B between all pairs of poses.
 
-    The rotation turns the axes of the camera's motions into those of the flange's, each as long as its angle; the shift
-    follows from a linear system.
+    The rotation maps the rotation vectors of the camera's motions to those of the flange's; the translation follows from a
+    linear system.
 
     Raises:
         InvalidValueError: If the arm did not turn about two different axes.
@@ -111,8 +111,8 @@ def solve_ax_xb(world_from_flange: Sequence[Array], camera_from_board: Sequence[
     a, b = (np.array(side) for side in zip(*motions, strict=True))
     axes_a, axes_b = (Rotation.from_matrix(side[:, :3, :3]).as_rotvec() for side in (a, b))
     spread_deg = math.degrees(float(np.linalg.svd(axes_a, compute_uv=False)[1]) / math.sqrt(len(axes_a)))
-    if spread_deg < _LEAST_TURN_DEG:
-        allowed = f"at least {_LEAST_TURN_DEG:g}; tilt the camera to all sides"
+    if spread_deg < _MIN_TURN_DEG:
+        allowed = f"at least {_MIN_TURN_DEG:g}; tilt the camera to all sides"
         raise InvalidValueError("turn of the flange about a second axis, in degrees", round(spread_deg, 1), allowed)
     rotation = Rotation.align_vectors(axes_a, axes_b)[0].as_matrix()
     system = (a[:, :3, :3] - np.eye(3)).reshape(-1, 3)

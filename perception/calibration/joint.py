@@ -1,9 +1,9 @@
 """One bundle adjustment of two cameras: the scope's intrinsics and the transform between the cameras, from all views at once.
 
-A principal point that is wrong by a third of a pixel turns a short lens's view by a tenth of a degree, which a plane at one
-distance hardly shows but which moves a camera 0.6 m away by a millimetre. Calibrated one after the other, the scope's
-intrinsics carry such an error into the transform. Here the pairs of views, whose boards the reference camera places far better
-than the scope does, also speak for the scope's intrinsics.
+A principal point that is wrong by a third of a pixel turns the view of a short lens by a tenth of a degree. A plane at one
+distance hardly shows that, yet it moves a camera 0.6 m away by a millimetre. Calibrated separately, the scope's intrinsics
+carry such an error into the transform. Here the pairs of views, whose boards the reference camera locates far better than the
+scope does, constrain the scope's intrinsics as well.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,19 +24,19 @@ from laploop.perception.geometry import invert_transform
 Array = NDArray[np.float64]
 
 _INTRINSICS = ("fx", "fy", "cx", "cy")
-_LEAST_SIGMA_PX = 1e-6
-"""So that exact corners can be weighted too."""
+_MIN_SIGMA_PX = 1e-6
+"""Lets exact corners be weighted too."""
 _STEP = 1e-6
-"""Of the differences that stand for derivatives; all unknowns are of the order of 1 or of its hundredth, pixels apart."""
+"""Of the finite differences; all unknowns but those in pixels are of the order of 0.01 to 1."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class JointCalibration:
-    """A stereo calibration with the misfit of every corner: measured less reprojected, pixels."""
+    """A stereo calibration with the misfit of every corner: measured minus reprojected, pixels."""
 
     stereo: StereoCalibration
     scope_from_board: Array
-    """(pairs, 4, 4), where the board was in each pair of views."""
+    """(pairs, 4, 4), pose of the board in each pair of views."""
     own_misfit_px: Array
     """(views, corners, 2), of the scope's own views."""
     scope_misfit_px: Array
@@ -67,20 +67,20 @@ def calibrate_jointly(
 ) -> JointCalibration:
     """Refine the scope's intrinsics and the transform between the cameras on all views of both.
 
-    Unknown are the scope's focal lengths and principal point, those distortion coefficients that `scope` has, the transform,
-    and the board's poses. The reference camera's intrinsics stay as they are: its maker knows them better. Misfits are weighted
-    by their root mean square in each camera, found in a first pass.
+    Unknowns are the scope's focal lengths and principal point, the distortion coefficients that `scope` has, the transform, and
+    the board's poses. The reference camera's intrinsics are kept, since its maker knows them better. Misfits are weighted by
+    their root mean square in each camera, from a first pass.
 
     Args:
-        own_views: The board's corners in further pictures of the scope, (n, 2) each; as many as `scope` was calibrated from.
+        own_views: The board's corners in the pictures that `scope` was calibrated from, (n, 2) each.
         scope_views: The same in the scope's pictures of the pairs.
         reference_views: The same in the reference camera's.
-        board: Of all these pictures.
+        board: The board in all these pictures.
         scope: The scope's camera, calibrated from `own_views`.
         reference: The reference camera.
 
     Raises:
-        InvalidValueError: If there are too few views, not as many of both, or the views do not determine the transform.
+        InvalidValueError: If there are too few views, different numbers of both, or corners are missing.
     """
     check_view_count(len(own_views))
     if len(own_views) != len(scope.camera_from_board):
@@ -100,14 +100,14 @@ def calibrate_jointly(
         unknowns = problem.solve(unknowns, sigmas)
         *of_scope, of_reference = problem.misfits(unknowns)
         sigmas = (
-            max(_LEAST_SIGMA_PX, float(np.concatenate(of_scope, axis=None).std())),
-            max(_LEAST_SIGMA_PX, float(of_reference.std())),
+            max(_MIN_SIGMA_PX, float(np.concatenate(of_scope, axis=None).std())),
+            max(_MIN_SIGMA_PX, float(of_reference.std())),
         )
     return problem.result(unknowns)
 
 
 class _Problem:
-    """The unknowns as a vector: intrinsics, coefficients, transform, then six numbers (rotation vector, translation) a pose."""
+    """The unknowns as a vector: intrinsics, coefficients, then rotation vector and translation of transform and poses."""
 
     def __init__(
         self,
@@ -126,7 +126,7 @@ class _Problem:
         self._shared = len(_INTRINSICS) + len(self._free) + 6
 
     def start(self) -> Array:
-        """Return the vector to start from: poses as each camera alone sees them, the transform from the pair that fits best."""
+        """Return the initial vector: poses from each camera alone, the transform from the pair of views that fits best."""
         values = [getattr(self._scope.intrinsics, name) for name in _INTRINSICS]
         values += [getattr(self._scope.distortion, name) for name in self._free]
         of_scope, of_reference = (
@@ -155,12 +155,12 @@ class _Problem:
         def jacobian(values: Array) -> Array:
             return self._jacobian(misfit, values)
 
-        # MINPACK, since it needs no BLAS, whose last digits depend on the number of its threads.
+        # MINPACK does without BLAS, whose last digits depend on its number of threads.
         found: Any = least_squares(misfit, unknowns, jac=jacobian, x_scale="jac", method="lm", xtol=1e-12, ftol=1e-12)
         return np.asarray(found.x)
 
     def misfits(self, unknowns: Array) -> tuple[Array, Array, Array]:
-        """Return measured less reprojected corners of the own views, the scope's and the reference camera's of the pairs."""
+        """Return measured minus reprojected corners: own views, then the scope's and the reference camera's of the pairs."""
         own, in_scope, in_reference = self._measured
         scope = self._scope_of(unknowns)
         poses = vectors_as_poses(unknowns[self._shared - 6 :].reshape(-1, 6))
@@ -172,7 +172,7 @@ class _Problem:
         )
 
     def result(self, unknowns: Array) -> JointCalibration:
-        """Make the calibration of the vector."""
+        """Return the calibration that a vector stands for."""
         misfits = self.misfits(unknowns)
         poses = vectors_as_poses(unknowns[self._shared - 6 :].reshape(-1, 6))
         views = len(misfits[0])
@@ -205,7 +205,7 @@ class _Problem:
         return placed
 
     def _jacobian(self, misfit: Callable[[Array], Array], unknowns: Array) -> Array:
-        """Differentiate by differences; a pose moves the corners of its own view alone, so that all poses step at once."""
+        """Differentiate by differences; a pose affects its own view alone, so that all poses are stepped at once."""
         here = misfit(unknowns)
         jacobian = np.zeros((len(here), len(unknowns)))
         for column in range(self._shared):

@@ -1,4 +1,4 @@
-"""Poses of a board and of cameras as numbers for a solver."""
+"""Poses of boards and cameras, and their vectors for a solver."""
 
 import numpy as np
 from numpy.typing import NDArray

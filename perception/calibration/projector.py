@@ -1,4 +1,4 @@
-"""The stripe projector as an inverse camera: where it is from the camera, and where its stripes are, from phases on planes."""
+"""The stripe projector as an inverse camera: its pose and its stripes, from phases on planes."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -22,16 +22,16 @@ from laploop.perception.geometry import Rig, rigid_transform, transform_points
 Array = NDArray[np.float64]
 
 UNKNOWNS = ("x_m", "z_m", "pitch_rad", "yaw_rad", "roll_rad", "period_tan", "phase_turns")
-"""What upright stripes show of a projector. Its offset along the stripes (y) they do not: it is taken to be zero, as the
-channels lie side by side."""
+"""What upright stripes reveal about a projector. Its offset along the stripes (y) is taken to be zero, as the channels lie side
+by side."""
 
 _SPACING_PX = 8
-"""Between the pixels whose phase is used: nearer ones share most of the window their phase is read in."""
+"""Between the pixels whose phase is used: phases of closer ones are read from nearly the same window."""
 _MARGIN_PERIODS = 1.3
-_LEAST_CONTRAST = 0.08
-_LARGEST_RESIDUAL = 0.5
+_MIN_CONTRAST = 0.08
+_MAX_RESIDUAL = 0.5
 _SATURATED = 253
-_LEAST_PIXELS = 50
+_MIN_PIXELS = 50
 _OUTLIER_TURNS = 0.03
 
 
@@ -39,8 +39,8 @@ _OUTLIER_TURNS = 0.03
 class ProjectorCalibration:
     """A projector of upright stripes.
 
-    The stripe that lights a point is given in turns: bright stripes are centred at whole numbers, and with x the tangent
-    coordinate in the projector's frame, `turns = x / period_tan + phase_turns`. Whole turns cannot be told apart.
+    A stripe is given in turns, bright stripes being centred at whole numbers: `turns = x / period_tan + phase_turns`, with x
+    the tangent coordinate in the projector's frame. Whole turns cannot be distinguished.
     """
 
     projector_from_camera: Array
@@ -52,7 +52,7 @@ class ProjectorCalibration:
     view_errors_turns: tuple[float, ...]
     """For each view of a plane, the root mean square misfit."""
     deviations: Mapping[str, float]
-    """Standard deviation of each of `UNKNOWNS` as the misfits suggest it."""
+    """Standard deviation of each of `UNKNOWNS`, estimated from the misfits."""
 
     def __post_init__(self) -> None:
         """Check every field.
@@ -79,7 +79,7 @@ class ProjectorCalibration:
 
     @property
     def baseline_m(self) -> float:
-        """How far it stands to the camera's right."""
+        """Distance to the camera's right."""
         return float(self.centre_m[0])
 
     @property
@@ -93,7 +93,7 @@ class ProjectorCalibration:
         return np.asarray(points[..., 0] / points[..., 2] / self.period_tan + self.phase_turns)
 
     def depth_from_turns(self, rays: Array, turns: Array) -> Array:
-        """Triangulate: z-depth in metres (...) along rays (..., 3) of z = 1 that show a stripe (...), NaN where they part."""
+        """Triangulate: z-depth in metres (...) along rays (..., 3) of z = 1 that show a stripe (...); NaN if diverging."""
         transform = self.projector_from_camera
         x = (turns - self.phase_turns) * self.period_tan
         denominator = x * (rays @ transform[2, :3]) - rays @ transform[0, :3]
@@ -104,15 +104,15 @@ class ProjectorCalibration:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CalibratedRig:
-    """The parallel rig nearest to a calibration, for estimators that know no other, and what it leaves out."""
+    """The parallel rig nearest to a calibration, for estimators that need one, and what it neglects."""
 
     rig: Rig
     misfit_turns: float
     """Root mean square difference of the two models' stripes over the image and the range of depths."""
     misfit_mm: float
-    """The same as an error of depth at 100 mm."""
+    """The same as a depth error at 100 mm."""
     distortion_px: float
-    """How far the lens, which the rig takes for a pinhole, moves the corners of the image."""
+    """How far the lens, a pinhole in the rig, moves the corners of the image."""
 
 
 def calibrate_projector(
@@ -124,18 +124,18 @@ def calibrate_projector(
 ) -> ProjectorCalibration:
     """Estimate the projector from its stripes on a blank plane in several poses.
 
-    The phase of each picture is read as the classical estimator reads it; what the projector should show at the same places is
-    fitted to it. Half a turn is the most by which the nominal stripes may be off, a shift of all apart.
+    The projector's model is fitted to the phase of each picture, read as by the classical estimator. Apart from a common shift,
+    the nominal stripes may be off by at most half a turn.
 
     Args:
-        images: Grey pictures (H, W) of a blank card, one a pose.
+        images: Grey pictures (H, W) of a blank card, one for each pose.
         camera_from_plane: Poses (4, 4) of the card: its middle, z into it.
         half_extent_m: Half the card's width and height.
         camera: The calibrated camera.
-        nominal: What the scope was built to be: baseline and mask.
+        nominal: The scope's design: baseline and mask.
 
     Raises:
-        InvalidValueError: If there are too few views, not as many poses, or too little of the stripes is seen.
+        InvalidValueError: If there are too few views, another number of poses, or too few pixels show stripes.
     """
     check_view_count(len(images))
     if len(camera_from_plane) != len(images):
@@ -147,14 +147,14 @@ def calibrate_projector(
     measured: list[Array] = []
     for image, pose in zip(images, camera_from_plane, strict=True):
         found = _stripes_on_plane(image, pose, half_extent_m, camera, estimator, carrier)
-        if len(found[0]) < _LEAST_PIXELS:
-            allowed = f"at least {_LEAST_PIXELS}; is the card lit and in view?"
+        if len(found[0]) < _MIN_PIXELS:
+            allowed = f"at least {_MIN_PIXELS}; is the card lit and in view?"
             raise InvalidValueError(f"pixels that show stripes in view {len(points)}", len(found[0]), allowed)
         points.append(found[0])
         measured.append(found[1])
     start = np.array([nominal.baseline_m, 0.0, 0.0, 0.0, 0.0, mask.period_tan, phase_of_mask(mask)])
     everywhere, turns = np.concatenate(points), np.concatenate(measured)
-    # The mean difference on the unit circle is the shift of all.
+    # The mean difference on the unit circle is the common shift.
     shift = float(np.angle(np.exp(2j * np.pi * (turns - _turns(start, everywhere))).mean()) / (2.0 * np.pi))
     start[-1] += shift
 
@@ -177,7 +177,7 @@ def calibrate_projector(
 
 
 def phase_of_mask(mask: StripeMask) -> float:
-    """Return the turns on the axis of a drawn mask, see `ProjectorCalibration`."""
+    """Return a mask's turns on its axis, see `ProjectorCalibration`."""
     return mask.half_width_tan / mask.period_tan - mask.phase - 0.5 * mask.duty
 
 
@@ -188,16 +188,16 @@ def calibrated_rig(
     *,
     depths_m: tuple[float, float] = (0.07, 0.14),
 ) -> CalibratedRig:
-    """Return the parallel rig whose stripes lie nearest to the calibrated ones; estimators run on it as on the nominal one.
+    """Return the parallel rig whose stripes lie nearest to the calibrated ones, for estimators.
 
-    Baseline, period and phase are fitted in turns over the whole image, evenly in inverse depth. A turned projector or one
-    that stands ahead of the camera bends the stripes a little; that is left, and its size is returned with the rig.
+    Baseline, period and phase are fitted in turns over the whole image, evenly in inverse depth. A projector that is turned or
+    stands ahead of the camera bends the stripes a little; the rig neglects that, and its size is returned.
 
     Args:
         camera: The scope's camera.
         projector: Its projector.
-        nominal: Gives the mask's stripe count and duty.
-        depths_m: Range to be right in.
+        nominal: Its mask has the stripe count and the duty.
+        depths_m: Range of depths of the fit.
     """
     mask, k = nominal.mask, camera.intrinsics
     inverse = np.linspace(1.0 / depths_m[1], 1.0 / depths_m[0], 8)
@@ -232,7 +232,7 @@ def _stripes_on_plane(
     estimator: PhaseEstimator,
     carrier: Array,
 ) -> tuple[Array, Array]:
-    """Return points of a plane (n, 3) in the camera's frame and the stripes seen there (n,), in turns less whole ones."""
+    """Return points of a plane (n, 3) in the camera's frame and the stripes seen there (n,), in fractions of a turn."""
     mask, k = estimator.rig.mask, camera.intrinsics
     seen = estimator.demodulate(image)
     rays = camera.undistorted_rays()
@@ -241,7 +241,7 @@ def _stripes_on_plane(
         points = rays * ((normal @ pose[:3, 3]) / (rays @ normal))[..., None]
         on_plane = (points - pose[:3, 3]) @ pose[:3, :3]
         on_mask = rays[..., 0] - estimator.rig.baseline_m / points[..., 2]
-    # The window hangs over the ends of the card, of the image and of the light.
+    # Near the ends of the card, the image and the light, the window reaches beyond them.
     margin_m = _MARGIN_PERIODS * mask.period_tan * points[..., 2]
     good = (points[..., 2] > 0.0) & (np.abs(on_mask) < mask.half_width_tan - _MARGIN_PERIODS * mask.period_tan)
     for axis in range(2):
@@ -249,7 +249,7 @@ def _stripes_on_plane(
     margin_px = math.ceil(_MARGIN_PERIODS * mask.period_tan * k.fx)
     good[:, :margin_px] = good[:, -margin_px:] = False
     good[:margin_px] = good[-margin_px:] = False
-    good &= (seen.contrast >= _LEAST_CONTRAST) & (seen.residual <= _LARGEST_RESIDUAL) & (image < _SATURATED)
+    good &= (seen.contrast >= _MIN_CONTRAST) & (seen.residual <= _MAX_RESIDUAL) & (image < _SATURATED)
     chosen = np.zeros_like(good)
     chosen[::_SPACING_PX, ::_SPACING_PX] = True
     good &= chosen

@@ -1,4 +1,4 @@
-"""What a calibration finds: one camera, or a pair."""
+"""Results of a calibration: one camera, or a pair."""
 
 import math
 from dataclasses import dataclass
@@ -13,9 +13,9 @@ from laploop.perception.reprojection import BrownDistortion
 Array = NDArray[np.float64]
 
 MIN_VIEWS = 5
-"""Fewer views of a plane leave intrinsics and poses badly told apart."""
+"""Fewer views of a plane hardly separate intrinsics from poses."""
 _UNDISTORT_STEPS = 30
-"""Each leaves a fraction of the error that is the distortion's slope, a quarter at the corners of a strong barrel."""
+"""Each multiplies the error by the slope of the distortion, a quarter at the corners of a strong barrel."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -26,9 +26,9 @@ class CameraCalibration:
     """Pixel centres at +0.5; OpenCV's principal point is half a pixel less."""
     distortion: BrownDistortion
     view_errors_px: tuple[float, ...]
-    """For each view the root mean square distance between corners and their reprojections."""
+    """For each view, the root mean square distance between corners and their reprojections."""
     camera_from_board: Array
-    """(views, 4, 4), where the board was."""
+    """(views, 4, 4), poses of the board."""
 
     def __post_init__(self) -> None:
         """Check every field.
@@ -56,7 +56,7 @@ class CameraCalibration:
         return np.stack([k.fx * x + k.cx, k.fy * y + k.cy], axis=-1)
 
     def undistorted_rays(self) -> Array:
-        """Return the rays (height, width, 3), of z = 1, that the lens shows at all pixel centres; by fixed-point iteration."""
+        """Return the undistorted rays (height, width, 3), of z = 1, at all pixel centres; by fixed-point iteration."""
         rays: Array = self.intrinsics.rays
         x, y = seen_x, seen_y = rays[..., 0], rays[..., 1]
         for _ in range(_UNDISTORT_STEPS):
@@ -67,14 +67,14 @@ class CameraCalibration:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StereoCalibration:
-    """The scope's camera, the reference camera, and where the one is from the other: K_SSLE, K_Zivid and (R, t)."""
+    """The scope's camera, the reference camera, and the transform between them: K_SSLE, K_Zivid and (R, t)."""
 
     scope: CameraCalibration
     reference: CameraCalibration
     scope_from_reference: Array
     """4x4, metres."""
     view_errors_px: tuple[float, ...]
-    """For each pair of views the root mean square error over both pictures, the transform being the same for all."""
+    """For each pair of views, the root mean square error over both pictures, with one transform for all."""
 
     def __post_init__(self) -> None:
         """Check the transform and its errors.
@@ -94,7 +94,7 @@ class StereoCalibration:
 def transform_residual(a_from_b: Array, true_a_from_b: Array) -> tuple[float, float]:
     """Return the angle in degrees and the distance in mm by which one rigid transform (4x4, metres) differs from another."""
     turn = a_from_b[:3, :3] @ true_a_from_b[:3, :3].T
-    # The sine, for the cosine of a small angle has lost its digits.
+    # By the sine, as the cosine of a small angle has lost its digits.
     sine = 0.5 * math.hypot(turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
     angle = math.atan2(sine, 0.5 * (float(np.trace(turn)) - 1.0))
     return math.degrees(angle), 1e3 * float(np.linalg.norm(a_from_b[:3, 3] - true_a_from_b[:3, 3]))

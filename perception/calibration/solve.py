@@ -1,4 +1,4 @@
-"""From corners in several views to a camera, by OpenCV's bundle adjustment."""
+"""A camera from corners in several views, by OpenCV's bundle adjustment."""
 
 from collections.abc import Collection, Sequence
 from typing import Any
@@ -16,14 +16,14 @@ from laploop.perception.reprojection import BrownDistortion
 Array = NDArray[np.float64]
 
 COEFFICIENTS = ("k1", "k2", "p1", "p2")
-"""Distortion coefficients that can be estimated. Across the fields of view of such cameras, a k3 cannot be told from a k2."""
+"""Distortion coefficients that can be estimated; over the field of view of such cameras, k3 is not separable from k2."""
 
 _STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-12)
 _SIGNIFICANT = 3.0
-"""Standard deviations that a coefficient must differ from zero by to be kept."""
-_LEAST_TILT_DEG = 15.0
-"""Angle between the two views of the board that differ most. Of a board that never tilts, distance and focal length cannot be
-told apart; at this angle, with corners good to 0.05 px, eight views give the focal length to 1 %."""
+"""Number of standard deviations from zero at which a coefficient is kept."""
+_MIN_TILT_DEG = 15.0
+"""Smallest angle between the two views of the board that differ most. Without tilt, distance and focal length are inseparable;
+at this angle, with corners accurate to 0.05 px, eight views give the focal length to 1 %."""
 
 
 def calibrate_camera(
@@ -38,12 +38,12 @@ def calibrate_camera(
 
     Args:
         views: The board's corners in each picture, (n, 2), as `find_corners` returns them.
-        board: Their positions.
-        width: Of the pictures.
-        height: Of the pictures.
-        coefficients: Names of the distortion coefficients to estimate, p1 and p2 together, the others being zero. By default
-            those that the views show: p1 and p2 are dropped if neither is three standard deviations from zero, then k2, then
-            k1, for a coefficient that cannot be observed only spoils the principal point and the focal length.
+        board: The board.
+        width: Of the pictures, pixels.
+        height: Of the pictures, pixels.
+        coefficients: Names of the distortion coefficients to estimate, p1 and p2 together; the others are zero. By default
+            those that the views determine: p1 and p2 are dropped if neither is three standard deviations from zero, then k2,
+            then k1, since a coefficient that cannot be observed spoils principal point and focal length.
 
     Raises:
         InvalidValueError: If there are too few views, corners are missing, a coefficient is unknown, or the views do not
@@ -63,7 +63,7 @@ def calibrate_camera(
         if all(abs(getattr(found.distortion, name)) < _SIGNIFICANT * deviations[name] for name in group):
             kept -= group
         elif "k2" in group:
-            # With a k2 goes a k1.
+            # k2 implies k1.
             return found
     return _solve(pixels, board, size, kept)[0]
 
@@ -91,7 +91,7 @@ def _solve(
     points: Any = [board.corners.astype(np.float32)] * len(pixels)
     guess: Any = np.eye(3)
     threads = cv2.getNumThreads()
-    # Several threads add up the views' shares in the order in which they finish: other last digits in every run.
+    # With several threads, the views are summed in the order in which they finish: other last digits in every run.
     cv2.setNumThreads(1)
     try:
         solution: Any = cv2.calibrateCameraExtended(points, pixels, size, guess, np.zeros(5), flags=flags, criteria=_STOP)
@@ -106,8 +106,8 @@ def _solve(
         pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], shift.ravel()
     normals = poses[:, :3, 2]
     tilt_deg = float(np.degrees(np.arccos(np.clip((normals @ normals.T).min(), -1.0, 1.0))))
-    if not (np.isfinite(matrix).all() and tilt_deg >= _LEAST_TILT_DEG):
-        allowed = f"at least {_LEAST_TILT_DEG:g}; tilt the board by 20 degrees and more, to all sides"
+    if not (np.isfinite(matrix).all() and tilt_deg >= _MIN_TILT_DEG):
+        allowed = f"at least {_MIN_TILT_DEG:g}; tilt the board by 20 degrees and more, to all sides"
         raise InvalidValueError("largest angle in degrees between two views of the board", round(tilt_deg, 1), allowed)
     k1, k2, p1, p2 = (float(value) for value in np.asarray(vector).ravel()[:4])
     found = CameraCalibration(

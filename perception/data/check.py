@@ -1,4 +1,4 @@
-"""Looks through a data set for anything that is not as it should be."""
+"""Checks a data set for damage, and for contents that cannot be right."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,15 +12,15 @@ from laploop.perception.data.pair_store import PairFrame, PairStore
 from laploop.perception.data.store import SPLITS
 
 _MEDIAN_LIMIT_MM = 2.0
-"""Largest median difference between reference and exact depth of a pair: four times what a calibration may be off."""
-_LEAST_SHARE = 0.2
-"""Of the pixels that have a reference depth, and of those that the projector reaches."""
+"""Largest median difference between reference and exact depth of a pair: four times the error allowed of a calibration."""
+_SMALLEST_FRACTION = 0.2
+"""Of the image that must have a reference depth, and that the projector must reach."""
 _SETTLED_MM_S = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
 class CheckResult:
-    """What was found."""
+    """The result of a check."""
 
     frames: int
     done: int
@@ -28,15 +28,15 @@ class CheckResult:
 
     @property
     def passed(self) -> bool:
-        """Whether there is nothing wrong."""
+        """Whether there is no problem."""
         return not self.problems
 
 
 def check_dataset(store: FrameStore | PairStore, *, report: Callable[[int], None] | None = None) -> CheckResult:
     """Check every frame of a data set: complete, readable, unchanged, and plausible.
 
-    A frame must be done; its arrays must be those that were written; its depth, lit and shadow masks must agree about where
-    something was seen. Of a pair, the reference depth must also follow from the stored cloud and calibration, and lie near the
+    A frame must be done; its arrays must be those that were written; its depth, lit and shadow masks must agree on where
+    something was hit. Of a pair, the reference depth must also follow from the stored cloud and calibration, and lie near the
     exact one. No tissue may be in two splits.
 
     Args:
@@ -75,9 +75,9 @@ def _check_frame(store: FrameStore | PairStore, index: int) -> list[str]:
         return [str(error)]
     problems = _check_positive("depth_mm", depth_mm)
     if not np.isfinite(depth_mm).any():
-        problems.append("nothing was seen")
+        problems.append("nothing was hit")
     if (lit & np.isnan(depth_mm)).any():
-        problems.append("lit where nothing was seen")
+        problems.append("lit where nothing was hit")
     return problems
 
 
@@ -107,16 +107,18 @@ def _check_content(frame: PairFrame) -> list[str]:
         if not np.array_equal(np.isfinite(getattr(frame, name)), seen)
     ]
     if (frame.lit & ~seen).any() or (frame.shadow & ~seen).any() or (frame.lit & frame.shadow).any():
-        problems.append("lit and shadow overlap, or lie where nothing was seen")
-    if frame.lit.mean() < _LEAST_SHARE:
-        problems.append(f"the projector reaches {frame.lit.mean():.1%} of the image; expected: at least {_LEAST_SHARE:.0%}")
+        problems.append("lit and shadow overlap, or lie where nothing was hit")
+    if frame.lit.mean() < _SMALLEST_FRACTION:
+        problems.append(
+            f"the projector reaches {frame.lit.mean():.1%} of the image; expected: at least {_SMALLEST_FRACTION:.0%}"
+        )
     if frame.image.min() == frame.image.max():
-        problems.append("its image is even")
+        problems.append("its image is uniform")
     for name in ("depth_mm", "reference_depth_mm", "reference_z_mm"):
         problems += _check_positive(name, getattr(frame, name))
     both = seen & np.isfinite(frame.reference_depth_mm)
-    if both.mean() < _LEAST_SHARE:
-        problems.append(f"{both.mean():.1%} of the image have a reference depth; expected: at least {_LEAST_SHARE:.0%}")
+    if both.mean() < _SMALLEST_FRACTION:
+        problems.append(f"{both.mean():.1%} of the image have a reference depth; expected: at least {_SMALLEST_FRACTION:.0%}")
     else:
         median = float(np.median(np.abs(frame.reference_depth_mm[both] - frame.depth_mm[both])))
         if not median <= _MEDIAN_LIMIT_MM:

@@ -1,4 +1,4 @@
-"""Opens a data set of stripe frames, whatever made it."""
+"""Opens a data set of stripe frames of any kind."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,7 +17,7 @@ from laploop.perception.geometry import Rig
 
 @runtime_checkable
 class DepthDataset(Protocol):
-    """What rendered frames and collected pairs have in common; shapes as in `frame_store`.
+    """What data sets of frames and of pairs have in common; shapes as in `frame_store`.
 
     Whatever is read is compared with its checksum: a damaged frame raises a `DatasetError`.
     """
@@ -48,7 +48,7 @@ class DepthDataset(Protocol):
         ...
 
     def verify(self, indices: Iterable[int]) -> None:
-        """Read some frames, all of their arrays; raise a `DatasetError` if one is damaged."""
+        """Compare all arrays of some frames with their checksums; raise a `DatasetError` if one is damaged."""
         ...
 
     def image(self, index: int) -> NDArray[np.uint8]:
@@ -78,11 +78,11 @@ class ReferencedDataset(DepthDataset, Protocol):
 
 
 def open_dataset(path: Path) -> FrameStore | PairStore:
-    """Open a data set, by its format, and check all of it but the frames; these are checked when they are read.
+    """Open a data set by its format and check everything except the frames, which are checked when they are read.
 
     Raises:
         MissingFileError: If there is none.
-        DatasetError: If it is damaged, of a format that is not known here, or made by an older version.
+        DatasetError: If it is damaged, of an unknown format, or made by an older version.
     """
     commands = f"{FrameStore.COMMAND} or {PairStore.COMMAND}"
     with refusing_damage(f"data set {path}"):

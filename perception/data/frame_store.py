@@ -1,11 +1,11 @@
-"""Data sets of stripe frames with exact depth; `store` says how they lie on disk.
+"""Data sets of stripe frames with exact depth, laid out on disk as in `store`.
 
 | array | shape, type | what |
 |---|---|---|
 | `image` | (N, H, W) uint8 | grey values |
 | `depth_mm` | (N, H, W) float32 | exact z-depth, NaN where nothing was hit |
-| `lit` | (N, H, W) bool | the projector sees the point |
-| `scope` | (N,) int32 | which of the attribute `scopes` took the frame |
+| `lit` | (N, H, W) bool | the projector reaches the point |
+| `scope` | (N,) int32 | index into the attribute `scopes`, those that took the frames |
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,13 +45,13 @@ class FrameStore(Store):
         """Make an empty store for the planned frames at a path that does not exist yet; it appears whole or not at all.
 
         Args:
-            path: Where.
+            path: The new folder.
             optics: The nominal scope.
-            tissue_seed: (N,), as the other arrays of the plan.
-            split: See `SPLITS`.
-            tool_in_view: Whether the instrument is put into the view.
+            tissue_seed: Tissue of each frame, (N,).
+            split: Split of each frame, an index into `SPLITS`.
+            tool_in_view: Frames with the instrument in view.
             config: What the frames are made from, as JSON has it.
-            scopes: Those that take the frames, where it is not `optics` that takes all.
+            scopes: Scopes that take the frames; `optics` alone by default.
             scope: Which of them takes each frame.
 
         Raises:
@@ -72,7 +72,7 @@ class FrameStore(Store):
         )
 
     def write(self, index: int, *, image: NDArray[np.uint8], depth_mm: NDArray[np.float32], lit: NDArray[np.bool_]) -> None:
-        """Write one frame; it counts from the moment this returns.
+        """Write one frame, which is done when this returns.
 
         Raises:
             InvalidValueError: If there is no such frame, or an array has another type or shape.

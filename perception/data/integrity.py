@@ -1,4 +1,4 @@
-"""Whether what lies on disk is what was written: checksums, and one kind of error for everything that damage brings about."""
+"""Integrity of stored data: checksums, and one kind of error for every kind of damage."""
 
 import hashlib
 import json
@@ -14,11 +14,11 @@ CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
 def open_group(path: Path, command: str, *, writable: bool = False) -> Any:
-    """Open the Zarr group of a data set, whatever is in it.
+    """Open the Zarr group of a data set; its contents are not checked.
 
     Args:
-        path: Of the data set.
-        command: What makes one, for the message.
+        path: The data set.
+        command: The command that makes one, for the message.
         writable: Open it for writing.
 
     Raises:
@@ -36,10 +36,10 @@ def open_group(path: Path, command: str, *, writable: bool = False) -> Any:
 
 @contextmanager
 def refusing_damage(what: str) -> Iterator[None]:
-    """Turn whatever Zarr, JSON and the system make of damaged files into an error that names them.
+    """Turn every error that damaged files cause in Zarr, JSON or the system into one of ours.
 
     Raises:
-        DatasetError: If the block raises anything that is not an error of ours.
+        DatasetError: If the block raises any other error.
     """
     try:
         yield
@@ -82,7 +82,7 @@ def sha256(content: bytes) -> str:
 
 
 def sha256_of_json(attributes: Mapping[str, Any]) -> str:
-    """Return the checksum of what JSON knows."""
+    """Return the checksum of plain data."""
     return sha256(json.dumps(attributes, sort_keys=True, allow_nan=False).encode())
 
 

@@ -13,7 +13,7 @@ from laploop.perception.geometry import Rig
 
 
 class JoinedDataset:
-    """The frames of several data sets one after the other; every part keeps its splits."""
+    """The frames of several data sets, one set after another; each keeps its splits."""
 
     def __init__(self, parts: Sequence[DepthDataset]) -> None:
         """Join open data sets.

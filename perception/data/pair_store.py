@@ -1,11 +1,11 @@
-"""Data sets of stripe frames paired with a reference camera's captures; `store` says how they lie on disk.
+"""Data sets of stripe frames paired with a reference camera's captures, laid out on disk as in `store`.
 
 | array | shape, type | what |
 |---|---|---|
 | `image` | (N, H, W) uint8 | the scope's grey values |
-| `reference_depth_mm` | (N, H, W) float32 | the reference camera's points as the calibration reprojects them; NaN without |
+| `reference_depth_mm` | (N, H, W) float32 | the reference camera's points, reprojected by the calibration; NaN elsewhere |
 | `depth_mm` | (N, H, W) float32 | exact z-depth, NaN where nothing was hit |
-| `lit`, `shadow` | (N, H, W) bool | the projector sees the point; a surface that the projector does not see for another one |
+| `lit`, `shadow` | (N, H, W) bool | the projector reaches the point; another surface keeps its light away |
 | `projector_x`, `projector_y` | (N, H, W) float32 | exact tangent coordinates on the mask, NaN where nothing was hit |
 | `reference_z_mm` | (N, h, w) float32 | the reference camera's depth map in its region of interest, NaN where invalid |
 | `reference_rgba` | (N, h, w, 4) uint8 | its colour picture |
@@ -81,9 +81,9 @@ class PairStore(Store):
         super().__init__(path, writable=writable)
         with refusing_damage(f"data set {path}"):
             self.reference_intrinsics = Intrinsics(**self._attributes["reference_intrinsics"])
-            """Of the reference camera's region of interest, as its maker calibrated it: makes `xyz` of `z`."""
+            """Of the reference camera's region of interest, as calibrated by its maker; turns `z` into `xyz`."""
             self.true_scope_from_reference: NDArray[np.float64] = np.array(self._attributes["true_scope_from_reference"])
-            """4x4, metres; what only a simulator knows."""
+            """4x4, metres; known to a simulator only."""
             self.calibration: StereoCalibration = load_calibration(path / CALIBRATION)
             """What the reference depth was reprojected with."""
         self._rig = Rig.from_optics(self.optics)
@@ -124,7 +124,7 @@ class PairStore(Store):
         )
 
     def write(self, index: int, frame: PairFrame, metadata: Mapping[str, object]) -> None:
-        """Write one pair; it counts from the moment this returns.
+        """Write one pair, which is done when this returns.
 
         Raises:
             InvalidValueError: If an array has another type or shape, or the metadata are too long or not JSON.
@@ -163,18 +163,18 @@ class PairStore(Store):
         return cloud[np.isfinite(z_mm)]
 
     def reproject_with(self, index: int, scope_from_reference: NDArray[np.float64]) -> ReprojectedDepth:
-        """Show the reference camera's points in the calibrated scope's image by a transform (4x4, metres) of one's choice."""
+        """Reproject the reference camera's points into the calibrated scope's image with a given transform (4x4, metres)."""
         return reproject_by(self.calibration, self.reference_cloud_mm(index), scope_from_reference)
 
     def metadata(self, index: int) -> dict[str, Any]:
-        """Read what is known about a pair."""
+        """Read the metadata of a pair."""
         return cast("dict[str, Any]", json.loads(self._read("metadata", index).tobytes().rstrip(b"\0")))
 
 
 def reproject_by(
     calibration: StereoCalibration, xyz_mm: Float32, scope_from_reference: NDArray[np.float64] | None = None
 ) -> ReprojectedDepth:
-    """Show points (..., 3) of the reference camera in the scope's image by a calibration, or by another transform than its."""
+    """Reproject points (..., 3) of the reference camera with a calibration, or with another transform in place of its own."""
     transform = calibration.scope_from_reference if scope_from_reference is None else scope_from_reference
     scope = calibration.scope
     distortion = None if scope.distortion == BrownDistortion() else scope.distortion

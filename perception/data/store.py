@@ -1,16 +1,16 @@
-"""What all data sets on disk have in common: a Zarr group with a chunk a frame, a checksum for each, and a fixed plan.
+"""Data sets on disk: a Zarr group with one chunk for each array of a frame, a checksum for each chunk, and a fixed plan.
 
 | array | shape, type | what |
 |---|---|---|
-| one for each kind of picture | (N, ...) | see `frame_store` and `pair_store`; a chunk a frame |
-| `tissue_seed` | (N,) int64 | which tissue |
+| one for each kind of picture | (N, ...) | see `frame_store` and `pair_store` |
+| `tissue_seed` | (N,) int64 | number of the tissue |
 | `split` | (N,) uint8 | index into `SPLITS` |
-| `tool_in_view` | (N,) bool | whether the instrument was put into the view |
-| `checksum` | (N, 32 K) uint8 | SHA-256 of the frame's K arrays; written last, so that a frame without it is not done |
+| `tool_in_view` | (N,) bool | frames with the instrument in view |
+| `checksum` | (N, 32 K) uint8 | SHA-256 of the frame's K arrays; written last: a frame without it is not done |
 
-A store appears whole, without frames; a frame that is not done does not exist. Zarr writes chunks to the side and renames them,
-so that several processes may fill a store at once and be killed at any moment. Attributes, plan and the files beside the arrays
-are compared with their checksums when a store is opened, frames when they are read.
+A new store appears whole, without frames; a frame that is not done does not exist. Zarr writes chunks under other names and
+renames them, so that several processes can fill a store at once and be killed at any moment. Attributes, plan and the files
+beside the arrays are compared with their checksums when a store is opened, frames when they are read.
 """
 
 import re
@@ -43,7 +43,7 @@ _LEFT_BEHIND = "*.partial"
 """Files that Zarr had not renamed yet when its process was killed."""
 _CHUNK_NAMES = {"name": "default", "separator": "."}
 _STORE_ALL_CHUNKS = {"array.write_empty_chunks": True}
-"""By default Zarr leaves out chunks that equal its fill value, and gives back another NaN than was written."""
+"""By default Zarr omits chunks that equal the fill value, and returns another NaN than was written."""
 
 
 class Store:
@@ -52,11 +52,11 @@ class Store:
     FORMAT: ClassVar[str]
     OLDER_FORMATS: ClassVar[tuple[str, ...]]
     COMMAND: ClassVar[str]
-    """What makes such a data set."""
+    """The command that makes such a data set."""
     NOUN: ClassVar[str] = "frame"
 
     def __init__(self, path: Path, *, writable: bool = False) -> None:
-        """Open a store, and check all of it but the frames, which are checked when they are read.
+        """Open a store and check everything except the frames, which are checked when they are read.
 
         Raises:
             MissingFileError: If there is none.
@@ -104,11 +104,11 @@ class Store:
         """Make an empty store at a path that does not exist yet; it appears whole or not at all.
 
         Args:
-            path: Where.
-            arrays: Type and shape of each of a frame's arrays.
-            plan: What is planned for each frame, (N,) each.
-            files: What lies beside the arrays.
-            attributes: What else is kept, as JSON has it.
+            path: The new folder.
+            arrays: Type and shape of each array of a frame.
+            plan: The plan, (N,) each.
+            files: Files beside the arrays.
+            attributes: Further attributes, as JSON has them.
 
         Raises:
             OutputError: If the path exists or cannot be written.
@@ -124,7 +124,7 @@ class Store:
         files = files or {}
         attributes["files"] = {name: sha256(content) for name, content in files.items()}
         attributes["sha256"] = sha256_of_json(attributes)
-        # The checksum is looked at first: given a damaged chunk, Blosc may crash the process.
+        # The checksum is verified first: given a damaged chunk, Blosc may crash the process.
         codecs = (BloscCodec(cname="zstd", clevel=4, shuffle="bitshuffle"), Crc32cCodec())
         with new_folder(path) as partial:
             group: Any = zarr.open_group(store=partial, mode="w")
@@ -145,7 +145,7 @@ class Store:
         return dict(self._attributes["config"])
 
     def done(self) -> NDArray[np.bool_]:
-        """Return which frames are whole, (N,), from the files' names alone: quick enough to ask after each frame."""
+        """Return which frames are whole, (N,), from file names alone: fast enough to call after each frame."""
         done = np.zeros(len(self), dtype=bool)
         with refusing_damage(f"data set {self.path}"):
             for file in (self.path / "checksum").iterdir():
@@ -154,7 +154,7 @@ class Store:
         return done
 
     def count_done(self) -> int:
-        """Return how many frames are whole."""
+        """Return the number of whole frames."""
         return int(self.done().sum())
 
     def indices(self, split: str) -> NDArray[np.intp]:
@@ -186,7 +186,7 @@ class Store:
                 self._read(name, int(index))
 
     def remove_left_behind(self) -> None:
-        """Remove files that killed processes left half written; nobody may be writing meanwhile."""
+        """Remove files that killed processes left half-written; no process may be writing."""
         for file in self.path.rglob(_LEFT_BEHIND):
             file.unlink(missing_ok=True)
 
@@ -226,7 +226,7 @@ class Store:
         return values
 
     def _write(self, index: int, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Write all arrays of one frame; it counts from the moment this returns.
+        """Write all arrays of one frame, which is done when this returns.
 
         Raises:
             InvalidValueError: If there is no such frame, or an array has another type or shape.

@@ -12,30 +12,30 @@ from laploop.perception.data.store import SPLITS
 
 Array = NDArray[np.float64]
 
-_WHAT = """For each pair, under one index: the grey image of the scope under its stripes, the depth map and the colour picture
-of a reference camera beside it, its depth reprojected into the scope's image (the training target of the paper), and what
-no bench can know: the exact depth, the exact mask coordinates, and where the projector's light arrives. Metadata hold the
-commanded and the reached pose of the stage, times, optics and seeds. `laploop.perception.data.PairStore` reads it."""
+_WHAT = """Each pair holds the scope's grey image under its stripes, the depth map and the colour picture of a reference camera
+beside it, that depth reprojected into the scope's image (the training target of the paper), and what no bench can measure: the
+exact depth, the exact mask coordinates, and where the projector's light arrives. Metadata give the commanded and the reached
+pose of the stage, times, optics and seeds. `laploop.perception.PairStore` reads the set."""
 
 _HOW = """`laploop collect` follows the automated program of the paper: the stage moves the deformable phantom to a commanded
-position at bounded speed, the program waits until the surface is still, the scope takes its image, then the reference camera
-its own. Positions of a tissue are spread evenly over the working range, with any turn, a small tilt and a small shift. Shape,
+position at bounded speed, the program waits until the surface is still, then the scope and the reference camera take their
+images. Positions of a tissue are spread evenly over the working range, with any turn, a small tilt and a small shift. Shape,
 texture, surfaces, light and noise are drawn anew for each tissue; the light stays the same for all positions of a tissue."""
 
-_LIMITS = """Optics and noise follow the published numbers of the instruments as far as there are any. There is no blood, no
-smoke, no dirt on a lens and no motion during an exposure, and the phantoms' shapes come from one generator: what works here
-must still be shown on a bench."""
+_LIMITS = """Optics and noise follow the instruments' published numbers where there are any. There is no blood, no smoke, no
+dirt on a lens and no motion during an exposure, and one generator makes all phantoms: what works here must still be shown on a
+bench."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PairStatistics:
-    """Numbers of each pair, (pairs,); differences are reference minus exact depth, where both are and the projector reaches."""
+    """Statistics of each pair, (pairs,); differences are reference minus exact depth, over lit pixels that have both."""
 
     working_distance_mm: Array
     tilt_deg: Array
     settle_s: Array
     valid_share: Array
-    """Share of the image with a reference depth: the mean of the paper's M."""
+    """Fraction of the image with a reference depth: the mean of the paper's M."""
     lit_share: Array
     shadow_share: Array
     grey_mean: Array
@@ -71,7 +71,7 @@ def summarise(store: PairStore, statistics: PairStatistics) -> dict[str, Any]:
 
 
 def write_card(store: PairStore, summary: dict[str, Any]) -> str:
-    """Return the card as Markdown; it shows `examples.png` and `statistics.png` that lie beside it."""
+    """Return the card as Markdown; it shows `examples.png` and `statistics.png` from its own folder."""
     calibration, k = summary["calibration"], store.reference_intrinsics
     lines = [
         "# Data card: stripe frames of a simulated laparoscope with the depth of a reference camera",
@@ -102,13 +102,13 @@ def write_card(store: PairStore, summary: dict[str, Any]) -> str:
         "|---|---:|---:|---:|---:|",
         *[_row(field.name, summary[field.name]) for field in fields(PairStatistics)],
         "",
-        "Differences are reference minus exact depth, where both are known and the projector reaches.",
+        "Differences are reference minus exact depth, over lit pixels that have both.",
         "",
         "![examples](examples.png)",
         "",
         "![statistics](statistics.png)",
         "",
-        "## What it is not",
+        "## Limits",
         "",
         _LIMITS,
         "",

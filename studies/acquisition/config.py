@@ -1,4 +1,4 @@
-"""The plan of an automated acquisition: how many pairs of how many tissues, where the stage goes, and who is tested on what."""
+"""The plan of an automated acquisition: pairs, tissues, their splits, and where the stage goes."""
 
 import math
 from dataclasses import field, replace
@@ -28,14 +28,14 @@ Count = Annotated[int, Field(ge=0, le=100_000)]
 
 @configuration
 class StageRanges:
-    """Where the stage goes: the paper's working range and moderate surface poses."""
+    """Poses of the stage: the paper's working range and moderate tilts."""
 
     working_distance_m: Span[Distance] = (0.060, 0.140)
     """From the scope to the mean height of the tissue; the positions of a tissue are spread evenly over it."""
     shift_m: Annotated[float, Field(ge=0.0, le=0.1)] = 0.020
     """Largest sideways shift, along either axis."""
     tilt_rad: Annotated[float, Field(ge=0.0, le=0.5)] = math.radians(10.0)
-    """Largest tilt of the stage; the turntable goes to any angle."""
+    """Largest tilt of the stage; the turntable turns to any angle."""
     repeatability_m: Annotated[float, Field(ge=0.0, le=1e-3)] = 5e-6
     repeatability_rad: Annotated[float, Field(ge=0.0, le=0.02)] = math.radians(0.005)
     """Standard deviation, along and about each axis, between commanded and reached pose: a good motorised stage."""
@@ -49,13 +49,13 @@ class StageRanges:
 class AcquisitionConfig:
     """A collection of stripe frames paired with captures of the reference camera.
 
-    Pair i belongs to one tissue; pairs are spread over the tissues as evenly as whole numbers allow, the first tissues taking
-    what is left over. A tissue is in one split only.
+    Pairs are spread over the tissues as evenly as possible; where they do not divide, the first tissues have one more. A tissue
+    is in one split only.
     """
 
     pairs: Annotated[int, Field(ge=1, le=1_000_000)] = 722
     tissues: Annotated[int, Field(ge=1, le=100_000)] = 38
-    """Fewer where there are fewer pairs."""
+    """At most as many as there are pairs."""
     split_tissues: tuple[Count, Count, Count] | None = None
     """Tissues for training, validation and testing; by default 26 : 4 : 8, each at least one where there are three."""
     tool_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
@@ -64,7 +64,7 @@ class AcquisitionConfig:
     workers: Workers = 2
     """Processes that take the pairs, which do not depend on their number."""
     engine: Literal["process", "ray"] = "process"
-    """What does the work: processes of this machine, or tasks of a Ray cluster; the pairs are the same."""
+    """Processes of this machine, or tasks of a Ray cluster; the pairs are the same."""
     calibration_views: Views = 20
     """Views of the board for the calibration at the start, where none is given."""
     bench: OpticalBench = field(default_factory=OpticalBench)

@@ -1,4 +1,4 @@
-"""Collects stripe frames paired with captures of the reference camera, as the automated program of the paper does."""
+"""Collects stripe frames paired with captures of the reference camera, like the automated program of the paper."""
 
 import hashlib
 from collections.abc import Callable, Iterator
@@ -16,7 +16,7 @@ from laploop.studies.calibration.run import calibrate_bench
 from laploop.workers import run_in_workers
 
 Progress = Callable[[str, float], AbstractContextManager[Callable[[float], None]]]
-"""Takes what is counted and how many there are; the block is given a function to call with how many are done."""
+"""Given what is counted and how many there are, yields a function to be called with the number done."""
 
 
 @contextmanager
@@ -28,15 +28,15 @@ def no_progress(_what: str, _total: float) -> Iterator[Callable[[float], None]]:
 def collect_pairs(
     config: AcquisitionConfig, out: Path, *, calibration: Path | None = None, progress: Progress = no_progress
 ) -> Path:
-    """Collect pairs into the Zarr store `out` and return its path; goes on where an earlier run was stopped.
+    """Collect pairs into the store `out` and return its path; resume where an earlier run stopped.
 
     Pair i depends on the configuration, the calibration and i alone: not on the engine, the number of workers, or
-    interruptions. A run that goes on uses the calibration that the store holds.
+    interruptions. A resumed run uses the calibration that the store holds.
 
     Args:
         config: The plan.
-        out: Where the store is or will be.
-        calibration: A file with the calibration to use; by default the bench is calibrated first.
+        out: The store; made where it does not exist.
+        calibration: Calibration file to use; by default the bench is calibrated first.
         progress: Shows the progress of the calibration and of the pairs.
 
     Raises:

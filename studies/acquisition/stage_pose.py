@@ -1,4 +1,4 @@
-"""Where the stage of an acquisition is sent."""
+"""Commanded poses of the stage of an acquisition."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from laploop.studies.acquisition.config import StageRanges
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StagePose:
-    """Where the stage is sent."""
+    """A commanded pose of the stage."""
 
     working_distance_m: float
     shift_m: tuple[float, float]
@@ -24,19 +24,19 @@ class StagePose:
 
 
 def draw_stage_pose(
-    ranges: StageRanges, *, share: tuple[float, float], nominal_distance_m: float, height_m: float, rng: np.random.Generator
+    ranges: StageRanges, *, part: tuple[float, float], nominal_distance_m: float, height_m: float, rng: np.random.Generator
 ) -> StagePose:
     """Draw a pose whose working distance lies in a part of the range.
 
     Args:
         ranges: The ranges.
-        share: Beginning and end of the part, 0 to 1.
+        part: Beginning and end of the part, fractions of the range.
         nominal_distance_m: From the scope to the world's origin.
         height_m: Mean height of the tissue above the stage; the pose turns about the tissue's middle at this height.
         rng: Source of the numbers.
     """
     low, high = ranges.working_distance_m
-    distance = low + (high - low) * float(rng.uniform(*share))
+    distance = low + (high - low) * float(rng.uniform(*part))
     x, y = (float(value) for value in rng.uniform(-ranges.shift_m, ranges.shift_m, size=2))
     yaw, direction = (float(value) for value in rng.uniform(-math.pi, math.pi, size=2))
     tilt = float(rng.uniform(0.0, ranges.tilt_rad))
@@ -58,7 +58,7 @@ def draw_stage_pose(
 
 
 def home_pose(ranges: StageRanges, *, nominal_distance_m: float, height_m: float) -> NDArray[np.float64]:
-    """Return the pose, 4x4, that every motion starts from: the middle of the range, level."""
+    """Return the pose, 4x4, in which every motion starts: the middle of the range, level."""
     return _pose(np.array([0.0, 0.0, nominal_distance_m - sum(ranges.working_distance_m) / 2.0]), np.eye(3), height_m)
 
 

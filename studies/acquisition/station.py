@@ -28,10 +28,10 @@ Array = NDArray[np.float64]
 
 _PRESS_TRAVEL_M = 0.006
 _DEPTH_MARGIN_M = (0.020, 0.020)
-"""What may be nearer and farther than the mean height of the tissue: its lobes, and the stage beside it."""
+"""How far the scene reaches in front of and behind the tissue's mean height: its lobes, and the stage beside it."""
 _REGION_STEP = 8
 _BRIGHTEST = 0.995
-"""Share of the pixels that an operator wants below the level that the exposure is set for."""
+"""Fraction of the pixels kept below the level that the exposure aims at."""
 
 
 def collect_tissue(config: AcquisitionConfig, path: Path, tissue: int, written: Callable[[], None] | None = None) -> int:
@@ -39,12 +39,12 @@ def collect_tissue(config: AcquisitionConfig, path: Path, tissue: int, written: 
 
     Args:
         config: The plan.
-        path: Of the store.
+        path: The store.
         tissue: Number of the tissue.
         written: Called after each pair.
 
     Returns:
-        How many pairs were missing.
+        Number of pairs taken.
     """
     store = PairStore.open(path, writable=True)
     done = store.done()
@@ -60,7 +60,7 @@ def collect_tissue(config: AcquisitionConfig, path: Path, tissue: int, written: 
 
 
 class AcquisitionStation:
-    """The bench with one tissue on it."""
+    """The bench with one tissue on its stage."""
 
     def __init__(self, config: AcquisitionConfig, tissue: int) -> None:
         """Grow the tissue, let it come to rest on the stage, and set up both cameras."""
@@ -89,10 +89,10 @@ class AcquisitionStation:
 
         Args:
             index: Number of the pair.
-            store: Gives the calibration for the reference depth.
+            store: Its calibration reprojects the reference depth.
 
         Returns:
-            The arrays, and the metadata: where the stage was sent and went, times, optics, seeds.
+            The arrays, and the metadata: commanded and reached pose of the stage, times, optics, seeds.
 
         Raises:
             SimulationError: If the tissue does not settle.
@@ -103,7 +103,7 @@ class AcquisitionStation:
         place = int(np.searchsorted(self._members, index))
         commanded = draw_stage_pose(
             config.stage,
-            share=(place / len(self._members), (place + 1) / len(self._members)),
+            part=(place / len(self._members), (place + 1) / len(self._members)),
             nominal_distance_m=self._bench.nominal_distance_m,
             height_m=scene.mean_height_m,
             rng=rng,
@@ -143,7 +143,7 @@ class AcquisitionStation:
         return frame, metadata
 
     def _expose(self, optics: StripeOptics, level: float) -> StripeOptics:
-        """Set the light so that the tissue at home reaches a level, a share of what the sensor holds, and keep it."""
+        """Set the light so that the tissue at home reaches a level, a fraction of full scale, and keep it."""
         view = self._scope.capture(self._scene.data, self._world_from_scope, None)
         brightest = float(np.quantile(view.electrons, _BRIGHTEST))
         exposed = replace(optics, led_power_w=optics.led_power_w * level * optics.full_well_electrons / brightest)
@@ -173,14 +173,14 @@ def reference_optics(config: AcquisitionConfig, optics: StripeOptics | None = No
 
 
 def shadow_mask(view: StripeCapture, bench: OpticalBench) -> NDArray[np.bool_]:
-    """Return where a surface lies in the mask's field and yet the projector does not reach it, (height, width)."""
+    """Return where a surface lies inside the mask's field but is hidden from the projector, (height, width)."""
     half = bench.scope.mask.half_width_tan
     # Comparisons with NaN are false: where nothing was hit there is no shadow.
     return (np.abs(view.projector_x) <= half) & (np.abs(view.projector_y) <= half) & ~view.lit
 
 
 def _region(config: AcquisitionConfig, reference: ReferenceOptics) -> tuple[int, int, int, int]:
-    """Return the part of the reference camera's image that shows what the scope can see within the working range."""
+    """Return the part of the reference camera's image that covers the scope's view within the working range."""
     bench = config.bench
     low, high = config.stage.working_distance_m
     depths = (low - _DEPTH_MARGIN_M[0], high + _DEPTH_MARGIN_M[1])
@@ -208,7 +208,7 @@ def _grow(config: AcquisitionConfig, rng: np.random.Generator) -> BenchScene:
 
 
 def _reached(config: AcquisitionConfig, commanded: Array, rng: np.random.Generator) -> Array:
-    """Return where the stage really goes."""
+    """Return the pose that the stage reaches."""
     ranges = config.stage
     reached = commanded.copy()
     reached[:3, 3] += ranges.repeatability_m * rng.standard_normal(3)

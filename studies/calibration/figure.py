@@ -1,4 +1,4 @@
-"""Figures of a bench's calibration: what does not fit, and how far the result is from the truth."""
+"""Figure of a bench's calibration: misfits and true errors."""
 
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 LIMIT_PX = 0.3
 LIMIT_DEG = 0.1
 LIMIT_MM = 0.5
-"""What a good calibration of such a bench keeps below."""
+"""Limits that a good calibration of such a bench meets."""
 
 
 def draw_calibration(found: BenchCalibration, path: Path | str) -> None:
@@ -64,7 +64,7 @@ def _draw_views(axis: Axes, found: BenchCalibration) -> None:
 
 
 def _draw_truth(axis: Axes, residuals: TrueResiduals) -> None:
-    """Draw the residuals of the transforms as shares of their limits, with their values."""
+    """Draw the residuals as fractions of their limits, with their values."""
     rows = [
         ("(R, t): rotation", residuals.stereo.rotation_deg, LIMIT_DEG, "deg"),
         ("(R, t): translation", residuals.stereo.translation_mm, LIMIT_MM, "mm"),
@@ -77,19 +77,19 @@ def _draw_truth(axis: Axes, residuals: TrueResiduals) -> None:
     if residuals.projector is not None:
         rows += [("projector: depth at 100 mm, rms", residuals.projector.depth_rms_mm, LIMIT_MM, "mm")]
     for place, (_, value, limit, unit) in enumerate(rows):
-        share = value / limit
-        axis.barh(place, min(share, 1.3), color=BLUE if share <= 1.0 else RED, height=0.55)
-        axis.text(min(share, 1.3) + 0.03, place, f"{value:.3f} {unit}", va="center", fontsize=8)
+        fraction = value / limit
+        axis.barh(place, min(fraction, 1.3), color=BLUE if fraction <= 1.0 else RED, height=0.55)
+        axis.text(min(fraction, 1.3) + 0.03, place, f"{value:.3f} {unit}", va="center", fontsize=8)
     axis.axvline(1.0, color=GREY, linewidth=0.8, linestyle="--")
     axis.set_yticks(range(len(rows)), [name for name, *_ in rows])
     axis.invert_yaxis()
     axis.set_xlim(0.0, 1.7)
-    axis.set_xlabel(f"share of the limit ({LIMIT_DEG:g} deg, {LIMIT_MM:g} mm)")
+    axis.set_xlabel(f"fraction of the limit ({LIMIT_DEG:g} deg, {LIMIT_MM:g} mm)")
     axis.set_title("true residuals")
 
 
 def _draw_on_sensor(axis: Axes, found: BenchCalibration) -> None:
-    """Draw the misfits where they are in the scope's picture, enlarged."""
+    """Draw the misfits at their place in the scope's picture, enlarged."""
     joint, scope, board = found.joint, found.stereo.scope, found.config.board
     enlarged = 100.0
     for poses, misfit, colour, name in (
@@ -121,7 +121,7 @@ def _draw_scatter(axis: Axes, misfit: Array, colour: str, name: str) -> None:
     axis.set_xlim(-half, half)
     axis.set_ylim(half, -half)
     axis.set_aspect("equal")
-    axis.set_xlabel("measured less reprojected, u [px]")
+    axis.set_xlabel("measured minus reprojected, u [px]")
     axis.set_ylabel("v [px]")
     axis.set_title(f"{name}\nrms {rms:.3f} px (circle)")
 

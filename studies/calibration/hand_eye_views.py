@@ -1,4 +1,4 @@
-"""The camera arm moves the scope over a board that stands still, and tells its joint angles."""
+"""Views of a fixed board by the scope on the camera arm, with the arm's joint angles."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -25,15 +25,15 @@ _SEED_Q = np.array([-0.20, -1.31, 0.77, -1.03, -1.57, -1.77])
 _REACH_TRIES = 20
 _TILT_DEG = 25.0
 _TURN_DEG = 60.0
-"""Moves that the wrist makes without winding up."""
+"""Small enough for the wrist not to wind up."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HandEyeViews:
-    """What the arm and the scope saw."""
+    """Views of the board, with the arm's pose at each."""
 
     world_from_flange: tuple[Array, ...]
-    """Forward kinematics of the joint angles that the arm told."""
+    """Forward kinematics of the reported joint angles."""
     corners: tuple[Array, ...]
     """(n, 2) pixels."""
     true_flange_from_camera: Array
@@ -60,12 +60,12 @@ def take_hand_eye_views(
     """Move the scope to random poses over the board, in even light, and take a picture at each.
 
     Args:
-        bench: Gives the scope; the arm stands as in the theatre.
+        bench: Its scope is used; the arm stands as in the theatre.
         board: Lies face up before the arm.
-        count: Of views.
-        rng: Source of poses, the camera's noise and the joints'.
+        count: Number of views.
+        rng: Source of poses, camera noise and joint noise.
         depths_m: Nearest and farthest of the board's middle.
-        joint_noise_rad: Standard deviation of each told joint angle.
+        joint_noise_rad: Standard deviation of each reported joint angle.
         progress: Called after each view.
 
     Raises:
@@ -104,8 +104,8 @@ def take_hand_eye_views(
             raise InfeasibleError(f"the arm reaches none of {_REACH_TRIES} poses over the board")
 
         view = take_view(draw, lambda q: [camera.capture(None, arm.world_from_shaft(q) @ shaft_from_camera, rng).image], board)
-        told = view.pose + joint_noise_rad * rng.standard_normal(arm.dof)
-        poses.append(arm.world_from_shaft(told) @ invert_transform(shaft_on_flange))
+        reported = view.pose + joint_noise_rad * rng.standard_normal(arm.dof)
+        poses.append(arm.world_from_shaft(reported) @ invert_transform(shaft_on_flange))
         corners.append(view.corners[0])
         if progress is not None:
             progress()

@@ -1,4 +1,4 @@
-"""The bench's calibration as on a real bench, and how far it is from the truth, which only a simulator knows."""
+"""Calibrates the bench from rendered pictures, as a real one is calibrated from photographs."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -38,13 +38,13 @@ _CARD_MM = 100.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BenchCalibration:
-    """What the calibration found."""
+    """The result of a calibration."""
 
     config: CalibrationConfig
     joint: JointCalibration
     projector: ProjectorCalibration | None
     rig: CalibratedRig | None
-    """The calibrated rig for estimators; with `projector`."""
+    """The calibrated rig for estimators; None without `projector`."""
     hand_eye: HandEyeCalibration | None
 
     @property
@@ -61,8 +61,8 @@ def calibrate_bench(config: CalibrationConfig, progress: Progress | None = None)
     is not found in a picture is replaced by another.
 
     Args:
-        config: What to take.
-        progress: Told the number of views taken, up to `config.pictures`.
+        config: Which pictures to take.
+        progress: Called with the number of views taken, up to `config.pictures`.
 
     Raises:
         InfeasibleError: If the board is too large for a picture or never found.
@@ -75,7 +75,7 @@ def calibrate_bench(config: CalibrationConfig, progress: Progress | None = None)
         if progress is not None:
             progress(done)
 
-    # A source for each step, so that none depends on whether another is done.
+    # A generator for each step, so that none depends on which others are done.
     own_rng, factory_rng, pair_rng, card_rng, arm_rng = np.random.default_rng(config.seed).spawn(5)
     bench, board = config.bench, config.board
     own = take_own_views(config, own_rng, count)

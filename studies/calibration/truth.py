@@ -1,4 +1,4 @@
-"""How far a bench's calibration is from the truth, and its tables."""
+"""True errors of a bench's calibration, which only a simulator knows, and its tables."""
 
 import csv
 import io
@@ -23,7 +23,7 @@ _BIAS_DEPTH_M = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class TransformResidual:
-    """Of a rigid transform."""
+    """Error of a rigid transform."""
 
     rotation_deg: float
     translation_mm: float
@@ -31,7 +31,7 @@ class TransformResidual:
 
 @dataclass(frozen=True, kw_only=True)
 class IntrinsicsResidual:
-    """Found less true, pixels."""
+    """Calibrated minus true, pixels."""
 
     fx: float
     fy: float
@@ -46,7 +46,7 @@ class IntrinsicsResidual:
 
 @dataclass(frozen=True, kw_only=True)
 class ProjectorResidual:
-    """Found less true."""
+    """Calibrated minus true."""
 
     baseline_um: float
     ahead_um: float
@@ -56,18 +56,18 @@ class ProjectorResidual:
     roll_deg: float
     period_ppm: float
     phase_turns: float
-    """On the projector's axis. It and the yaw nearly cancel: both shift all stripes."""
+    """On the projector's axis. It nearly cancels the yaw: both shift all stripes."""
     depth_bias_mm: float
-    """Mean error of depth on a plane at 100 mm that exact stripes give with the calibrated camera and projector."""
+    """Mean depth error on a plane at 100 mm, from exact stripes with the calibrated camera and projector."""
     depth_rms_mm: float
     rig_depth_bias_mm: float
-    """The same with the parallel rig that stands for the calibration."""
+    """The same with the parallel rig fitted to the calibration."""
     rig_depth_rms_mm: float
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrueResiduals:
-    """Of everything that was calibrated."""
+    """Errors of everything that was calibrated."""
 
     stereo: TransformResidual
     scope: IntrinsicsResidual
@@ -120,7 +120,7 @@ def as_dict(found: BenchCalibration) -> dict[str, object]:
 
 
 def corners_as_csv(found: BenchCalibration) -> str:
-    """Return a row for each corner of each picture: which, and measured less reprojected in pixels."""
+    """Return a row for each corner of each picture: measured minus reprojected, pixels."""
     rows = (
         (step, camera, view, corner, f"{dx:.4f}", f"{dy:.4f}")
         for step, camera, misfit in misfits(found)
@@ -144,7 +144,7 @@ def views_as_csv(found: BenchCalibration) -> str:
 
 
 def misfits(found: BenchCalibration) -> tuple[tuple[str, str, Array], ...]:
-    """Return step, camera and misfit (views, corners, 2) of the pictures that the joint adjustment used."""
+    """Return step, camera and misfit (views, corners, 2) of the pictures in the joint adjustment."""
     joint = found.joint
     return (
         ("own", "scope", joint.own_misfit_px),
@@ -195,7 +195,7 @@ def _depth_errors(nominal: Rig, camera: CameraCalibration, projector: ProjectorC
     lit = np.abs(x) < mask.half_width_tan
     turns = x / mask.period_tan + phase_of_mask(mask)
     rays = camera.undistorted_rays()
-    # Whole turns are the estimator's to find: taken from the truth here.
+    # Whole turns are the estimator's task: they are taken from the truth here.
     if rig is None:
         expected = projector.turns(rays * _BIAS_DEPTH_M)
         found = projector.depth_from_turns(rays, turns + np.round(expected - turns))

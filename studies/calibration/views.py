@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 _TRIES = 5000
 _RETAKES = 20
 _STEEPEST_COSINE = 0.6
-"""Cosine of the angle (53 degrees) up to which a board may be seen from the side: beyond, its squares are too narrow."""
+"""Smallest cosine between the line of sight and the board's normal (53 degrees); beyond it, squares look too narrow."""
 _MARGIN_PX = 3.0
 _MARGIN_TAN = 0.02
 
@@ -30,9 +30,9 @@ class View:
     """A pose of the board and its corners in the pictures of one or more cameras."""
 
     pose: Array
-    """4x4, true, in the frame of whoever drew it."""
+    """4x4, the true pose, in the frame in which it was drawn."""
     corners: tuple[Array, ...]
-    """(n, 2) pixels, one array a camera."""
+    """(n, 2) pixels, one array for each camera."""
 
 
 class _Attachable(Protocol):
@@ -40,10 +40,10 @@ class _Attachable(Protocol):
 
 
 class BoardStand:
-    """A board, or a card cut like one, that is put before cameras."""
+    """A board or a card in front of cameras."""
 
     def __init__(self, surface: BoardSurface, cameras: Sequence[_Attachable]) -> None:
-        """Let the cameras look at it."""
+        """Attach it to the cameras."""
         self._points = surface.points
         self._geometry = SceneGeometry(
             points=surface.points,
@@ -55,7 +55,7 @@ class BoardStand:
             camera.attach_geometry(self._geometry)
 
     def place(self, world_from_board: Array) -> None:
-        """Put it somewhere."""
+        """Move it to a pose, 4x4."""
         self._geometry.move(transform_points(world_from_board, self._points))
 
 
@@ -98,7 +98,7 @@ def draw_pose(
         tilt_deg: Largest tilt about the board's x and about its y.
         turn_deg: Largest turn in its own plane.
         base: (3, 3), the orientation of the board that is not tilted; facing the camera by default.
-        seen: Says of a pose whether everybody else sees the board, or can reach the pose.
+        seen: Tells whether everything else sees the board in a pose, or can reach it.
 
     Raises:
         InfeasibleError: If the board is too large, or too far or near, for the picture.
@@ -125,7 +125,7 @@ def depth_slices(depths_m: tuple[float, float], count: int) -> list[tuple[float,
 def take_view(
     draw: Callable[[], Array], picture: Callable[[Array], Sequence[NDArray[np.uint8]]], board: CalibrationBoard
 ) -> View:
-    """Draw a pose and take its pictures, again and again until the board is found in all of them.
+    """Draw a pose and take its pictures, until the board is found in all of them.
 
     Args:
         draw: Returns a pose.

@@ -24,15 +24,15 @@ from laploop.studies.characterization.config import FIGURE_DISTANCES_MM, Charact
 _ROI_SCALE_MM = (5.0, 45.0)
 _ROI_HALF_HEIGHT_MM = 4.0
 _BRIGHTEST = 0.9
-_LEAST_SPACING = 0.6
-_LEAST_PROMINENCE = 0.03
+_MIN_SPACING = 0.6
+_MIN_PROMINENCE = 0.03
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
 class RegionOfInterest:
-    """A rectangle of pixels, the ends not included."""
+    """A rectangle of pixels; right and bottom are exclusive."""
 
     left: int
     right: int
@@ -67,14 +67,14 @@ class StripeProfile:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Characterization:
-    """What was measured."""
+    """The measured profiles."""
 
     profiles: tuple[StripeProfile, ...]
-    """By distance."""
+    """Nearest distance first."""
     reference: NDArray[np.uint8]
     """(H, W), the target at the larger of the figure's distances through a clear mask, with more pixels."""
     exposure_s: float
-    """One for all distances."""
+    """The same for all distances."""
 
     def at(self, distance_mm: int) -> StripeProfile:
         """Return the profile of a distance that was measured."""
@@ -93,12 +93,12 @@ class Characterization:
 def characterise(config: CharacterizationConfig, progress: Callable[[float], None] | None = None) -> Characterization:
     """Image the target at every distance and measure the stripes on its blank part.
 
-    The exposure is set once, so that nothing in the region saturates at the nearest distance (0.9 of full scale), and kept:
-    the fall of the intensity with distance is part of the result.
+    The exposure is set once, to 0.9 of full scale in the region at the nearest distance, and kept: how the intensity falls with
+    distance is part of the result.
 
     Args:
         config: What to measure.
-        progress: Told the number of distances done.
+        progress: Called with the number of distances done.
     """
     rig, target = Rig.from_optics(config.optics), DepthOfFieldTarget()
     distances = config.measured_mm
@@ -125,7 +125,7 @@ def measure_profile(image: NDArray[np.uint8], rig: Rig, target: DepthOfFieldTarg
     grey = image[roi.top : roi.bottom, roi.left : roi.right].astype(np.float64)
     mean = grey.mean(axis=0)
     period_px = rig.mask.period_tan * rig.camera.fx
-    peaks, valleys = find_extrema(mean, _LEAST_SPACING * period_px)
+    peaks, valleys = find_extrema(mean, _MIN_SPACING * period_px)
     return StripeProfile(
         distance_mm=distance_mm,
         roi=roi,
@@ -167,7 +167,7 @@ def find_extrema(profile: Array, least_spacing: float) -> tuple[NDArray[np.intp]
 
     An extremum counts if it stands out by 3 % of the largest value and no larger one is nearer than `least_spacing` samples.
     """
-    prominence = _LEAST_PROMINENCE * float(profile.max(initial=0.0))
+    prominence = _MIN_PROMINENCE * float(profile.max(initial=0.0))
     spacing = max(least_spacing, 1.0)
     peaks, _ = find_peaks(profile, distance=spacing, prominence=prominence)
     valleys, _ = find_peaks(-profile, distance=spacing, prominence=prominence)
@@ -178,8 +178,8 @@ def michelson_contrast(profile: Array, peaks: NDArray[np.intp], valleys: NDArray
     """Return the mean of (P - V) / (P + V) over all extrema that have one of the other kind on either side.
 
     At a valley, V is the profile there and P the line through the peaks on both sides of it; at a peak the other way round.
-    So the brightness, which falls along an inclined target, drops out. Values are those of samples, not of a fitted curve. NaN
-    where no extremum lies between two others.
+    The brightness, which falls along an inclined target, thus cancels. Values are samples, not a fitted curve. NaN where no
+    extremum lies between two others.
     """
     found: list[float] = []
     for inner, outer in ((valleys, peaks), (peaks, valleys)):
@@ -250,7 +250,7 @@ def _move(scene: SceneGeometry, target: DepthOfFieldTarget, distance_mm: float) 
 
 
 def _exposed(camera: StripeCamera, scene: SceneGeometry, target: DepthOfFieldTarget, distance_mm: int) -> StripeOptics:
-    """Return the camera's optics with the exposure that makes the region at a distance as bright as it may be."""
+    """Return the camera's optics with the exposure that puts the region at a distance at 0.9 of full scale."""
     _move(scene, target, distance_mm)
     roi = region_of_interest(camera.rig.camera, target, distance_mm)
     electrons = camera.capture(None, np.eye(4), None).electrons[roi.top : roi.bottom, roi.left : roi.right]

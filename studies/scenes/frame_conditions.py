@@ -1,4 +1,4 @@
-"""What differs from one training frame to the next: pose, instrument, light, surfaces, sensor noise."""
+"""What varies between training frames: pose, instrument, light, surfaces, sensor noise."""
 
 import math
 from dataclasses import dataclass, replace
@@ -17,7 +17,8 @@ Array = NDArray[np.float64]
 
 _TRIES = 1000
 _CLEAR_FRACTION = 0.6
-"""Of the distance at which the camera's axis would pass the most tilted shaft; lobes come nearer than the mean height."""
+"""Largest clearance, as a fraction of the distance between the camera and the most tilted shaft through the axis. Lobes come
+nearer than the mean height."""
 
 
 Distance = Annotated[float, Field(ge=0.03, le=0.3)]
@@ -36,7 +37,7 @@ class FrameRanges(OpticsRanges):
     working_distance_m: Span[Distance] = (0.055, 0.150)
     """From the camera to the mean height of the tissue."""
     usual_distance_m: Span[Distance] = (0.070, 0.110)
-    """Half of the frames are taken from here, where the loop works."""
+    """Half of the frames are taken from this range, in which the loop works."""
     shift_m: Annotated[float, Field(ge=0.0, le=0.05)] = 0.020
     """Largest sideways shift of the tissue, along either axis."""
     tilt_rad: Annotated[float, Field(ge=0.0, le=0.6)] = math.radians(10.0)
@@ -46,14 +47,14 @@ class FrameRanges(OpticsRanges):
     tool_azimuth_rad: Annotated[float, Field(ge=0.0, le=3.15)] = math.radians(40.0)
     """Most instruments come in from the camera's right, up to this angle off; one in five from anywhere."""
     tool_clearance_m: Annotated[float, Field(ge=0.0, le=0.1)] = 0.025
-    """Least distance between the middle of the shaft and the camera."""
+    """Smallest distance between the shaft's axis and the camera."""
     hover_m: Span[HoverHeight] = (0.0, 0.045)
     """Height of a hovering tip above the tissue; squared distribution, so that low heights are frequent."""
     press_m: Span[PressDepth] = (0.0005, 0.0035)
-    """How far a pressing tip goes beyond the resting surface; one instrument in four presses."""
+    """Depth of a pressing tip below the resting surface; one instrument in four presses."""
 
     def __post_init__(self) -> None:
-        """Check that no range is empty, and that there is space for the instrument beside the camera."""
+        """Check that no range is empty, and that the instrument fits beside the camera."""
         check_ordered(self)
         nearest = min(self.working_distance_m[0], self.usual_distance_m[0])
         largest = _CLEAR_FRACTION * nearest * math.sin(self.tool_tilt_rad[1])
@@ -64,7 +65,7 @@ class FrameRanges(OpticsRanges):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CameraPose:
-    """Where the camera is."""
+    """Pose of the camera."""
 
     working_distance_m: float
     world_from_camera: Array
@@ -73,7 +74,7 @@ class CameraPose:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ToolPose:
-    """Where the instrument is, in the scene's world."""
+    """Pose of the instrument in the scene's world."""
 
     tip: Array
     """(3,), centre of the ball end."""
@@ -102,7 +103,7 @@ def draw_tool(
 ) -> ToolPose:
     """Draw an instrument whose tip is in view, on or above one of the `surface` points (n, 3), its shaft clear of the scope.
 
-    Where a lobe leaves no space for that, the one that comes farthest from the camera of all tries stays.
+    Where no try is clear of it, the one farthest from the camera is returned.
     """
     tried = []
     for _ in range(_TRIES):

@@ -1,4 +1,4 @@
-"""Frames that are harder than most: the instrument across the view, and light that leaves many pixels saturated or dark."""
+"""Hard frames: the instrument across the view, and light that saturates many pixels or leaves them dark."""
 
 import math
 from dataclasses import replace
@@ -13,16 +13,16 @@ from laploop.studies.scenes.frame_conditions import CameraPose
 from laploop.studies.scenes.training_scene import TrainingScene
 
 SATURATED_GREY, DARK_GREY = 253.0, 8.0
-"""Grey values from which a pixel tells next to nothing, above and below."""
+"""Grey values above and below which a pixel carries next to no information."""
 
-LARGE_TOOL_SHARE = 0.30
-"""Least share of the view that the instrument covers where it is called large."""
+LARGE_TOOL_FRACTION = 0.30
+"""Smallest fraction of the view covered by an instrument that counts as large."""
 
 _TRIES = 40
 _LARGE_TOOL_TILT_RAD = (math.radians(50.0), math.radians(80.0))
 _LARGE_TOOL_DEPTH_M = (0.016, 0.032)
 _LARGE_TOOL_BEYOND = (0.1, 0.6)
-"""How far beyond the image's middle the tip lies, as a tangent."""
+"""How far the tip lies beyond the middle of the image, as a tangent."""
 
 
 def place_large_tool(
@@ -30,11 +30,19 @@ def place_large_tool(
     camera: StripeCamera,
     pose: CameraPose,
     rng: np.random.Generator,
-    least_share: float = LARGE_TOOL_SHARE,
+    smallest: float = LARGE_TOOL_FRACTION,
 ) -> float:
-    """Put the instrument across the view, so near to the camera that it covers `least_share`; return the share it covers.
+    """Put the instrument across the view, close enough to the camera to cover a fraction of it.
 
-    Where chance does not bring it that near, the largest share of all tries stays.
+    Args:
+        scene: Holds the instrument.
+        camera: Sees it.
+        pose: Of the camera.
+        rng: Source of the instrument's poses.
+        smallest: Fraction of the view to cover.
+
+    Returns:
+        The fraction covered; the largest of all tries where none reaches `smallest`.
     """
     rotation, centre = pose.world_from_camera[:3, :3], pose.world_from_camera[:3, 3]
     best, largest = (np.zeros(3), np.zeros(3)), -1.0
@@ -47,28 +55,28 @@ def place_large_tool(
         axis = rotation @ (np.array([0.0, 0.0, math.cos(tilt)]) - math.sin(tilt) * sideways)
         scene.place_tool(tip, axis)
         seen = camera.exact(scene.data, pose.world_from_camera).object_id
-        share = float(np.mean(seen == int(ObjectId.TOOL)))
-        if share > largest:
-            best, largest = (tip, axis), share
-        if share >= least_share:
+        fraction = float(np.mean(seen == int(ObjectId.TOOL)))
+        if fraction > largest:
+            best, largest = (tip, axis), fraction
+        if fraction >= smallest:
             break
     scene.place_tool(*best)
     return largest
 
 
-def ill_exposure(electrons: NDArray[np.float32], optics: StripeOptics, share: float, *, saturated: bool) -> StripeOptics:
-    """Return the optics with the LED's power that makes `share` of the pixels saturated, or dark.
+def ill_exposure(electrons: NDArray[np.float32], optics: StripeOptics, fraction: float, *, saturated: bool) -> StripeOptics:
+    """Return the optics with the LED power that saturates a fraction of the pixels, or leaves it dark.
 
     Args:
-        electrons: Expected electrons of every pixel with `optics`; they are in proportion to the power.
+        electrons: Expected electrons of every pixel with `optics`, proportional to the power.
         optics: The optics to change.
-        share: From 0 to 1.
-        saturated: Whether the pixels shall be saturated; dark otherwise.
+        fraction: From 0 to 1.
+        saturated: Saturate the pixels instead of leaving them dark.
     """
     grey = 255.0 * electrons / optics.full_well_electrons
     if saturated:
-        factor = SATURATED_GREY / max(float(np.quantile(grey, 1.0 - share)), 1e-3)
+        factor = SATURATED_GREY / max(float(np.quantile(grey, 1.0 - fraction)), 1e-3)
     else:
-        factor = DARK_GREY / max(float(np.quantile(grey, share)), 1e-3)
+        factor = DARK_GREY / max(float(np.quantile(grey, fraction)), 1e-3)
     power = min(10.0, optics.led_power_w * factor)
     return replace(optics, led_power_w=power)

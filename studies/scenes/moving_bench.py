@@ -1,4 +1,4 @@
-"""The paper's bench as physics: a deformable phantom on a stage that moves to where it is told and settles there."""
+"""Physics of the paper's bench: a deformable phantom on a stage that moves to a commanded pose and settles there."""
 
 import math
 from collections.abc import Callable
@@ -21,24 +21,24 @@ Array = NDArray[np.float64]
 
 SCOPE_SEES = (VISIBLE_GROUP,)
 REFERENCE_SEES = (VISIBLE_GROUP, ARM_GROUP)
-"""Groups of geoms and flexes; the reference camera sees the scope's shaft too, which hides tissue behind it."""
+"""Groups of geoms and flexes. The reference camera also sees the scope's shaft, which hides tissue behind it."""
 
 SPEED_M_S = 0.2
 TURN_RAD_S = 2.0 * math.pi
-"""Bounds of the stage's speed: a fast laboratory stage with a turntable."""
+"""Largest speeds of the stage: a fast laboratory stage with a turntable."""
 SETTLED_M_S = 1e-4
-"""A surface that moves more slowly stays within a micrometre for the time of an exposure."""
+"""A slower surface moves by less than a micrometre during an exposure."""
 SETTLE_LIMIT_S = 3.0
 _QUIET_STEPS = 5
 _PEAK_OVER_MEAN = 1.875
-"""Of the speed of a minimum-jerk motion."""
+"""Peak over mean speed of a minimum-jerk motion."""
 
 
 class BenchScene(TrainingScene):
     """A tissue on a stage below a fixed scope, at rest at `home` until it is moved.
 
-    World: that of `OpticalBench`. Every motion starts from the same state of the tissue, at rest at `home`, so that what
-    happened before leaves no trace.
+    World: that of `OpticalBench`. Every motion starts from the tissue at rest at `home`, so that it does not depend on earlier
+    ones.
     """
 
     def __init__(
@@ -57,10 +57,10 @@ class BenchScene(TrainingScene):
             rng: Source of its shape.
             world_from_scope: Pose of the scope's camera channel, 4x4.
             scope: Its optics.
-            home: Makes the stage's pose, 4x4, of the mean height of the tissue above it, metres.
+            home: Returns the stage's pose, 4x4, for a mean height of the tissue above it, metres.
 
         Raises:
-            SimulationError: If it does not, or the physics became invalid.
+            SimulationError: If it does not come to rest, or the physics becomes invalid.
         """
         super().__init__(config, rng, furnish=_shaft(world_from_scope, scope))
         self._home = home(self.mean_height_m)
@@ -70,9 +70,12 @@ class BenchScene(TrainingScene):
         mujoco.mj_getState(self.model, self.data, self._at_rest, mujoco.mjtState.mjSTATE_INTEGRATION)
 
     def move_stage(self, world_from_stage: Array) -> float:
-        """Move the stage (its upper face's middle, 4x4) from home to a pose at bounded speed; return the time taken, seconds.
+        """Move the stage from home to a pose (4x4, middle of its upper face) at bounded speed.
 
         Position and orientation follow the same minimum-jerk course.
+
+        Returns:
+            The time taken, seconds.
         """
         mujoco.mj_resetData(self.model, self.data)
         mujoco.mj_setState(self.model, self.data, self._at_rest, mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -94,10 +97,10 @@ class BenchScene(TrainingScene):
         """Wait until the tissue's surface is still.
 
         Returns:
-            The time taken, seconds, and the largest speed of the surface in the end, m/s.
+            The time taken, seconds, and the largest speed of the surface at the end, m/s.
 
         Raises:
-            SimulationError: If it is not still within `limit_s` of simulated time, or the physics became invalid.
+            SimulationError: If it is not still within `limit_s` of simulated time, or the physics becomes invalid.
         """
         before, quiet, speed = self.surface_points(), 0, math.inf
         for step in range(1, math.ceil(limit_s / TIMESTEP_S) + 1):
@@ -118,7 +121,7 @@ class BenchScene(TrainingScene):
         """Make a step.
 
         Raises:
-            SimulationError: If MuJoCo gave up or counted a warning: after one it begins anew without a word.
+            SimulationError: If MuJoCo fails or counts a warning, after which it silently resets.
         """
         try:
             mujoco.mj_step(self.model, self.data)
@@ -135,7 +138,7 @@ class BenchScene(TrainingScene):
 
 
 def _shaft(world_from_scope: Array, scope: ScopeOptics) -> Callable[[Any], None]:
-    """Return what adds the scope's shaft, which begins at the camera's plane, half a baseline to the camera's right."""
+    """Return a function that adds the scope's shaft, which begins half a baseline to the camera's right."""
 
     def add(spec: Any) -> None:
         pose = world_from_scope

@@ -1,4 +1,4 @@
-"""The paper's bench: the scope looks straight down, the reference camera from the side; the stage moves what they look at."""
+"""The paper's bench: the scope looks straight down, the reference camera from the side, at what the stage moves."""
 
 from dataclasses import field, replace
 from typing import TYPE_CHECKING, Annotated
@@ -30,8 +30,8 @@ def _full_sampling() -> ReferenceOptics:
 class OpticalBench:
     """Two cameras that are fixed to a table; tissue and calibration board move on a stage below them.
 
-    World: z up, metres, its origin on the scope's axis and `nominal_distance_m` in front of the scope, so that a surface at
-    height h lies at the depth `nominal_distance_m - h`.
+    World: z up, metres, origin on the scope's axis, `nominal_distance_m` in front of the scope: a surface at height h has the
+    depth `nominal_distance_m - h`.
     """
 
     scope: ScopeOptics = field(default_factory=ScopeOptics)
@@ -68,7 +68,7 @@ class OpticalBench:
 
     @property
     def scope_from_reference(self) -> Array:
-        """The true transform between the two cameras, 4x4, which on a real bench nobody knows."""
+        """The true transform between the two cameras, 4x4, which is unknown on a real bench."""
         return invert_transform(self.world_from_scope) @ self.world_from_reference
 
     @property

@@ -1,4 +1,4 @@
-"""One tissue on its stage and a free instrument: the part of the theatre that the endoscope can see, without arms."""
+"""One tissue on its stage and a free instrument: what the endoscope sees of the theatre, without arms."""
 
 from collections.abc import Callable
 from typing import Any
@@ -24,7 +24,7 @@ _AWAY = np.array([2.0, 0.0, 1.0])
 
 
 class TrainingScene:
-    """Puts the instrument where it is told to be and lets the tissue give way.
+    """A tissue on its stage, and an instrument that can be placed anywhere; the tissue gives way.
 
     World: z up, metres, origin in the middle of the stage's upper face, on which the phantom lies.
     """
@@ -35,7 +35,7 @@ class TrainingScene:
         Args:
             config: The tissue.
             rng: Source of its shape.
-            furnish: Adds to the `mujoco.MjSpec`, before it is compiled, what else stands around the stage.
+            furnish: Adds further objects to the `mujoco.MjSpec` before it is compiled.
         """
         height = height_field(config.shape, rng)
         mesh = solid_mesh(config.shape, height)
@@ -48,7 +48,7 @@ class TrainingScene:
         spec.option.tolerance = 1e-6
         spec.memory = 400 * 2**20
         for geom in spec.geoms:
-            # The camera tells objects apart by the prefixes that the theatre gives them.
+            # The camera tells objects apart by the theatre's prefixes.
             geom.name = f"stage/{geom.name}"
         plate = spec.body("plate")
         plate.name = _PLATE
@@ -86,9 +86,9 @@ class TrainingScene:
         self._refresh()
 
     def press_tool(self, tip: Array, axis: Array, *, travel_m: float, speed_m_s: float = 0.08) -> None:
-        """Move the instrument along its axis to `tip`, from `travel_m` before it, and let the tissue give way.
+        """Move the instrument along its axis to `tip`, from `travel_m` before it; the tissue gives way.
 
-        Moderately fast, as the tissue's look matters and not its history.
+        Moderately fast: the shape of the tissue matters, not its history.
         """
         steps = max(1, round(travel_m / (speed_m_s * TIMESTEP_S)))
         for step in range(steps + 1):

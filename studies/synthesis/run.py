@@ -1,4 +1,4 @@
-"""Renders the frames that networks learn from, of many tissues, with exact depth."""
+"""Renders training frames of many tissues, with exact depth."""
 
 from collections.abc import Callable
 from functools import partial
@@ -24,13 +24,13 @@ _ILL_EXPOSED_FRACTIONS = (0.1, 0.5)
 
 
 def render_training_frames(config: TrainingFramesConfig, out: Path, *, report: Callable[[int], None] = lambda _: None) -> Path:
-    """Render a data set into the Zarr store `out` and return its path; goes on where an earlier run was stopped.
+    """Render a data set into the store `out` and return its path; resume where an earlier run stopped.
 
     Frame i depends on the configuration and i alone, not on the number of workers or on interruptions.
 
     Args:
         config: Which frames.
-        out: Where the store is or will be.
+        out: The store; made where it does not exist.
         report: Called with the number of frames done so far.
 
     Raises:
@@ -75,7 +75,7 @@ def _open_or_create(config: TrainingFramesConfig, out: Path) -> FrameStore:
 
 
 def _render_tissue(config: TrainingFramesConfig, out: Path, tissue: int) -> int:
-    """Render the missing frames of one tissue and return how many they were."""
+    """Render the missing frames of one tissue and return their number."""
     store = FrameStore.open(out, writable=True)
     first = tissue * config.frames_per_tissue
     done = store.done()
@@ -93,7 +93,7 @@ def _render_tissue(config: TrainingFramesConfig, out: Path, tissue: int) -> int:
             _place_tool(config, scene, camera, pose, rng)
         optics = draw_optics(config.ranges, pose.working_distance_m, rng)
         camera.set_optics(optics)
-        # What is off must not draw, so that the other frames of a seed stay what they are.
+        # An option that is off draws no numbers, so that the frames of a seed do not depend on it.
         if config.ill_exposed_share > 0.0 and rng.random() < config.ill_exposed_share:
             expected = camera.capture(scene.data, pose.world_from_camera, None).electrons
             fraction = rng.uniform(*_ILL_EXPOSED_FRACTIONS)

@@ -49,7 +49,7 @@ def test_the_file_holds_the_whole_configuration_of_a_task(config, task):
 def test_fields_are_explained_with_bounds_and_unit(capsys):
     main(["config", "--task", "track"])
     text = capsys.readouterr().out
-    assert "# Frames a second; a period of whole physics steps. (0.5 to 1000, in Hz)\ncamera_hz = 25.0" in text
+    assert "# Frames a second; a period of whole physics steps. (0.5 to 1000 Hz)\ncamera_hz = 25.0" in text
     assert "# From the capture of a frame to its arrival at the perception stage" in text
     assert '# (one of constant, lognormal, trace)\nkind = "constant"' in text
     assert 'max_speed_rad_s = "none"' in text
@@ -127,7 +127,7 @@ def test_help_is_short_unless_everything_is_wanted(capsys):
     assert main(["run", "--task", "palpate", "--help-all"]) == 0
     long = capsys.readouterr().out
     assert "--loop.theatre.trocar.friction-n  (now 0.75)" in long
-    assert "(0 to 20, in N)" in long
+    assert "(0 to 20 N)" in long
     assert "--tolerance-n" in long
 
 

@@ -308,10 +308,10 @@ def test_a_failed_save_leaves_the_older_file_as_it_was(stereo, tmp_path, monkeyp
     path = tmp_path / "calibration.json"
     path.write_text("older")
 
-    def fail(_):
+    def fail(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("os.fsync", fail)
+    monkeypatch.setattr("pathlib.Path.write_text", fail)
     with pytest.raises(OutputError, match="No space left"):
         save_calibration(path, stereo)
     assert path.read_text() == "older"
