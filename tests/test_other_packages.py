@@ -90,6 +90,9 @@ class PokeEnv(TaskEnv[PokeConfig]):
         return {"gone_mm": 1e3 * self.gone_m}
 
 
+NARROW = TaskSpec(
+    environment="laploop.envs.tasks.reach:ReachEnv", config="laploop.envs.tasks.configs:ReachConfig", controller="reach"
+)
 POKE = TaskSpec(
     environment="stranger:PokeEnv",
     config="stranger:PokeConfig",
@@ -192,6 +195,7 @@ def test_its_task_has_an_id_and_a_campaign(stranger, tmp_path):
         ({"controller": "stranger:Flat"}, "controller"),
         ({"prediction": "stranger:Flat", "task": "track"}, "prediction"),
         ({"task": "stranger:Flat"}, "task is 'stranger:Flat'; allowed: the name of a TaskSpec"),
+        ({"task": "stranger:NARROW"}, "task is 'stranger:NARROW'; allowed: a task whose ReachConfig has a field `kind: str`"),
         ({"perception": "no_such_module:X"}, "ModuleNotFoundError"),
     ],
 )

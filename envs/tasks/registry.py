@@ -7,7 +7,7 @@ that names a `TaskSpec`.
 import re
 from dataclasses import dataclass, fields
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_type_hints
 
 from laploop.errors import InvalidValueError
 from laploop.registry import Registry
@@ -51,7 +51,7 @@ class TaskSpec:
     environment: "str | type[TaskEnv[Any]]"
     """The class, or where it is: `module:Class`."""
     config: "str | type[TaskConfig]"
-    """The class, or where it is; its field `kind` has the task's name as default."""
+    """The class, or where it is; its field `kind: str` has the task's name as default."""
     controller: str
     """The scripted controller, by its name in `laploop.control.controllers.registry`."""
     criteria: tuple[Criterion, ...] = ()
@@ -150,9 +150,15 @@ def default_config(task: str, **changes: Any) -> "TaskConfig":
     Raises:
         LaploopError: If there is no such task, or a change is not allowed.
     """
-    # A task that is known by its place alone is found there again.
-    place: dict[str, Any] = {"kind": task} if ":" in task else {}
-    return task_spec(task).config_class(**place, **changes)
+    config = task_spec(task).config_class
+    if ":" in task:
+        # A task that is known by its place alone is found there again, so the place is its kind.
+        if get_type_hints(config)["kind"] is not str:
+            raise InvalidValueError(
+                "task", task, f"a task whose {config.__name__} has a field `kind: str`, or a registered name"
+            )
+        changes["kind"] = task
+    return config(**changes)
 
 
 def make_environment(task: str, **keywords: Any) -> "TaskEnv[Any]":

@@ -9,12 +9,14 @@ import pytest
 from laploop.envs.loop import closed_loop
 from laploop.envs.loop.faults import Fault
 from laploop.envs.loop.kinematic_errors import KinematicErrors
-from laploop.envs.loop.latency import ConstantLatency
+from laploop.envs.loop.latency import ConstantLatency, TraceLatency
 from laploop.envs.loop.perception_server import PerceptionServer
 from laploop.envs.loop.proprioception import Proprioception
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.tasks.reach import ReachEnv
+from laploop.envs.theatre.actuation import ActuationConfig
 from laploop.envs.theatre.theatre import Theatre
+from laploop.envs.theatre.trocar import TrocarConfig
 from laploop.errors import SimulationError
 from laploop.perception.geometry import invert_transform, transform_points
 
@@ -249,3 +251,27 @@ def test_a_closed_loop_that_was_closed_does_not_go_on(task_env):
     env.loop.close()
     with pytest.raises(SimulationError, match="no episode is running"):
         env.loop.advance(STILL)
+
+
+def test_the_theatre_is_the_one_of_the_loops_configuration(task_env):
+    env = task_env("reach", actuation=ActuationConfig.named("ur5-cb"), trocar=TrocarConfig.named("none"))
+    env.reset(seed=3)
+    assert env.loop.theatre.config is env.loop.config.theatre
+    # 35 ms of delay, 30 of lag and half a cycle of 8 ms: what controllers are given is what the arms do.
+    assert env.control_input().lead_ns == 69_000_000
+    assert not env.loop.theatre.config.trocar.acts
+    for _ in range(5):
+        *_, info = env.step(np.array([0.0, 0.0, -0.02], np.float32))
+    assert info["port_force_n"] == {"camera": 0.0, "tool": 0.0}
+
+
+def test_two_loops_of_one_configuration_do_not_share_their_place_in_a_trace(task_env):
+    trace = TraceLatency(latencies_ms=(40.0, 80.0, 120.0))
+    one, other = task_env("reach", latency=trace), task_env("reach", latency=trace)
+    ages = []
+    for env in (one, other, one):
+        _, info = env.reset(seed=3)
+        ages.append(info["depth_age_ms"])
+        env.step(STILL)
+    # Each episode begins with the first recorded time.
+    assert ages == [40.0, 40.0, 40.0]
