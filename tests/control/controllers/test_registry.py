@@ -87,6 +87,11 @@ def test_prediction_is_the_controllers_own_unless_it_is_given(rig):
         make_controller("track", rig, prediction="magic")
 
 
+def test_an_object_that_is_no_predictor_is_refused(rig):
+    with pytest.raises(InvalidValueError, match=r"predictor is 3; allowed: an object with reset, update and predict"):
+        make_controller("track", rig, prediction=3)
+
+
 def test_arguments_of_a_scripted_controller_are_fields_of_its_configuration(rig):
     controller = make_controller("scan", rig, arguments={"approach": {"motion": {"max_speed_mps": 0.03}}})
     assert controller._config.approach.motion.max_speed_mps == 0.03
