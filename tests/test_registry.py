@@ -69,3 +69,13 @@ def test_other_names_are_unknown(shapes, name):
 def test_the_nearest_name_is_suggested(shapes):
     with pytest.raises(UnknownNameError, match=r"unknown shape 'rng'; did you mean 'ring'\? available: knot, ring"):
         shapes.check("rng")
+
+
+def test_entries_are_called_with_what_all_take_and_what_the_user_gives(shapes):
+    assert list(shapes.make("ring", [1, 2, 3], maxlen=2)) == [2, 3]
+    shapes.register("square", lambda side, *, unit="m": f"{side} {unit}")
+    assert shapes.make("square", 2, unit="mm") == "2 mm"
+    with pytest.raises(InvalidValueError, match=r"arguments of shape square is \['size'\]; allowed: those of square\(side"):
+        shapes.make("square", 2, size=3)
+    with pytest.raises(InvalidValueError, match="shape is 'knot'; allowed: a class or a function; it is of type int"):
+        shapes.make("knot")

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable
 from enum import StrEnum
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +24,7 @@ from laploop.control.arm.rcm_task import InsertionLimit, RcmTask, TipPositionTas
 from laploop.errors import InfeasibleError, InvalidValueError
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 _PRIMAL_TOLERANCE = 1e-9
 """Of the solver, in radians and metres a step; its own, 1e-6, is a tenth of a slow step."""
@@ -80,7 +81,8 @@ class RcmController:
             constraints: Pink's tasks to meet exactly besides the trocar's.
 
         Raises:
-            InvalidValueError: If the trocar is not three finite numbers or the insertion limits contradict the shaft.
+            InvalidValueError: If the trocar is not three finite numbers, the insertion limits contradict the shaft, or what
+                should be Pink's is not.
         """
         self._arm = arm
         self._config = config = config or RcmControllerConfig()
@@ -113,9 +115,10 @@ class RcmController:
                 min_flange_height_m=config.min_flange_height_m,
             )
             self._other_limits.append(wall)
-        self._other_limits += limits
-        self._tasks = [self._posture_task, *tasks]
-        self._barriers = list(barriers)
+        self._other_limits += _all_of(Limit, "limits", limits)
+        self._tasks = [self._posture_task, *_all_of(Task, "tasks", tasks)]
+        self._barriers = _all_of(Barrier, "barriers", barriers)
+        constraints = _all_of(Task, "constraints", constraints)
         self._constraints = [self._trocar_task, *constraints]
         self._qdot = np.zeros(model.nv)
         self._tip_velocity = np.zeros(3)
@@ -300,3 +303,12 @@ class RcmController:
         change = wanted - before
         size = float(np.linalg.norm(change))
         return before + change * min(1.0, self._config.max_tip_acceleration_mps2 * dt / max(size, 1e-12))
+
+
+def _all_of(kind: type[Any], name: str, given: Iterable[T]) -> list[T]:
+    """Return what was given as a list; all must be Pink's tasks, limits or barriers."""
+    kept = list(given)
+    for one in kept:
+        if not isinstance(one, kind):
+            raise InvalidValueError(name, one, f"instances of pink's {kind.__name__}")
+    return kept

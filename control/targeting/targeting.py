@@ -119,12 +119,15 @@ class Targeting:
             predictor: Used in place of the one that `config.prediction` names.
 
         Raises:
-            InvalidValueError: If the predictor that is named cannot be made.
+            InvalidValueError: If the predictor that is named cannot be made, or the one that is given is none.
         """
         self._rig = rig
         self._config = config = config or TargetingConfig()
         self._tool = ToolOcclusion(config.outline, np.array([[0.0, 0.0, 0.0], [rig.baseline_m, 0.0, 0.0]]))
-        self._motion = TissueMotion(config.tracker, config.make_predictor() if predictor is None else predictor)
+        predictor = config.make_predictor() if predictor is None else predictor
+        if not isinstance(predictor, MotionPredictor):
+            raise InvalidValueError("predictor", predictor, "an object with reset, update and predict")
+        self._motion = TissueMotion(config.tracker, predictor)
         self.reset()
 
     def reset(self) -> None:

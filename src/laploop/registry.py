@@ -86,13 +86,15 @@ class Registry(Generic[T]):
         """
         entry = self.get(name)
         if not callable(entry):
-            raise InvalidValueError(self.kind, name, f"a class or a function, not a {type(entry).__name__}")
-        taken = signature(entry)
+            raise InvalidValueError(self.kind, name, f"a class or a function; it is of type {type(entry).__name__}")
         try:
+            taken = signature(entry)
             taken.bind(*given, **arguments)
+        except ValueError:
+            pass  # Some callables written in C have no signature to check against.
         except TypeError as error:
             allowed = f"those of {name}{taken} ({error})"
-            raise InvalidValueError(f"arguments of {self.kind} {name}", arguments, allowed) from None
+            raise InvalidValueError(f"names of arguments of {self.kind} {name}", list(arguments), allowed) from None
         return entry(*given, **arguments)
 
     def _installed(self) -> dict[str, EntryPoint]:

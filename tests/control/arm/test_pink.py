@@ -12,6 +12,7 @@ from laploop.control.arm.model import SHAFT_TIP
 from laploop.control.arm.rcm_config import RcmControllerConfig
 from laploop.control.arm.rcm_controller import RcmController, RcmStatus
 from laploop.control.arm.rcm_task import RcmTask
+from laploop.errors import InvalidValueError
 
 DT = 0.008
 
@@ -119,6 +120,12 @@ def test_a_constraint_is_met_exactly(tool):
     assert free.q[5] == pytest.approx(tool.home_q[5], abs=1e-3)
     tips = [tool.model.tip_in_world(one.q) for one in (free, held)]
     np.testing.assert_allclose(*tips, atol=1e-5)  # metres
+
+
+@pytest.mark.parametrize("name", ["tasks", "limits", "barriers", "constraints"])
+def test_what_is_not_pinks_is_refused(tool, name):
+    with pytest.raises(InvalidValueError, match=rf"{name} is 'roll'; allowed: instances of pink's "):
+        RcmController(tool.model, tool.trocar_in_world, **{name: ["roll"]})
 
 
 def test_a_constraint_that_cannot_be_met_holds_the_arm(tool):
