@@ -179,11 +179,13 @@ class EpochSampler(Sampler[Key]):
 
 
 def loader(
-    samples: Samples, recipe: Recipe, *, training: bool, workers: int = 0, rank: int = 0, processes: int = 1
+    samples: Samples, recipe: Recipe, *, training: bool, epoch: int = 0, workers: int = 0, rank: int = 0, processes: int = 1
 ) -> DataLoader[Any]:
-    """Return batches of samples, for one of several processes; shuffled and augmented in training."""
+    """Return batches of samples from an epoch on, for one of several processes; shuffled and augmented in training."""
     seed = recipe.schedule.seed
     sampler = EpochSampler(len(samples), seed=seed, shuffle=training, rank=rank, processes=processes)
+    # Worker processes fetch their first batches before Lightning sets the epoch of a resumed training.
+    sampler.set_epoch(epoch)
     frames: Any = SampleDataset(samples, recipe, training=training)
     return DataLoader(
         frames,

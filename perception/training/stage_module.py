@@ -113,8 +113,17 @@ class StageModule(pl.LightningModule):
         self.val_sums += torch.stack([value for pair in sums for value in pair]).cpu()
 
     def _loader(self, samples: Samples, *, training: bool) -> DataLoader[Any]:
-        rank, processes = self.trainer.global_rank, self.trainer.world_size
-        return loader(samples, self.recipe, training=training, workers=self._workers, rank=rank, processes=processes)
+        # `current_epoch` is still one behind when a resumed training asks for its first batches.
+        epochs: Any = self.trainer.fit_loop.epoch_progress.current
+        return loader(
+            samples,
+            self.recipe,
+            training=training,
+            epoch=epochs.processed,
+            workers=self._workers,
+            rank=self.trainer.global_rank,
+            processes=self.trainer.world_size,
+        )
 
     def epoch_row(self) -> dict[str, float]:
         """Return one line of the log; every process must call it."""

@@ -154,11 +154,13 @@ def test_training_writes_weights_log_and_checkpoint_and_learns(dataset, tmp_path
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"line.safetensors", "log.csv", "checkpoint.safetensors"}
 
 
-@pytest.mark.parametrize("optimizer", ["adam", "muon"])
-def test_resumed_training_ends_in_the_same_bits(dataset, tmp_path, optimizer):
+@pytest.mark.parametrize(("optimizer", "workers"), [("adam", 0), ("muon", 0), ("adam", 1)])
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_resumed_training_ends_in_the_same_bits(dataset, tmp_path, optimizer, workers):
     whole, parts = tmp_path / "whole", tmp_path / "parts"
+    machine = Machine(accelerator="cpu", tensorboard=False, workers=workers)
     recipe = Line(optimizer=optimizer)
-    fit(recipe, *_samples(dataset, recipe), whole, machine=CPU, progress=False)
+    fit(recipe, *_samples(dataset, recipe), whole, machine=machine, progress=False)
 
     class Stop(Exception):  # noqa: N818 - stands for whatever ends a process
         pass
@@ -171,10 +173,10 @@ def test_resumed_training_ends_in_the_same_bits(dataset, tmp_path, optimizer):
 
     recipe = Stopping(optimizer=optimizer)
     with pytest.raises(Stop):
-        fit(recipe, *_samples(dataset, recipe), parts, machine=CPU, progress=False)
+        fit(recipe, *_samples(dataset, recipe), parts, machine=machine, progress=False)
     assert len((parts / "log.csv").read_text().splitlines()) == 2
     recipe = Line(seed=0, optimizer=optimizer)
-    fit(recipe, *_samples(dataset, recipe), parts, machine=CPU, resume=True, progress=False)
+    fit(recipe, *_samples(dataset, recipe), parts, machine=machine, resume=True, progress=False)
     assert _bytes(parts) == _bytes(whole)
     assert len((parts / "log.csv").read_text().splitlines()) == 4
 
