@@ -68,25 +68,6 @@ class ReprojectedDepth:
     """(height, width), the paper's M: True where a point fell."""
 
 
-def back_project(depth_mm: NDArray[np.floating], intrinsics: Intrinsics) -> NDArray[np.float32]:
-    """Lift a depth map to points (equation 3); pixel centres are at +0.5.
-
-    Args:
-        depth_mm: (height, width) z-depth; NaN stays NaN.
-        intrinsics: Of the camera that the map belongs to.
-
-    Returns:
-        (height, width, 3) millimetres, in the camera's frame.
-
-    Raises:
-        InvalidValueError: If the map is not of the camera's size.
-    """
-    if depth_mm.shape != (intrinsics.height, intrinsics.width):
-        raise InvalidValueError("shape of depth_mm", depth_mm.shape, f"({intrinsics.height}, {intrinsics.width})")
-    points: Array = intrinsics.rays * depth_mm[..., None]
-    return points.astype(np.float32)
-
-
 def reproject(
     xyz_mm: NDArray[np.floating],
     scope_from_reference: Array,

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.errors import LaploopError
+from laploop.perception.data.dataset import SPLITS
 from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.data.pair_store import PairFrame, PairStore
-from laploop.perception.data.store import SPLITS
 
 _MEDIAN_LIMIT_MM = 2.0
 """Largest median difference between reference and exact depth of a pair: four times the error allowed of a calibration."""

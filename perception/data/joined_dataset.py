@@ -2,17 +2,17 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError
-from laploop.perception.data.datasets import DepthDataset, ReferencedDataset
+from laploop.perception.data.dataset import DepthDataset, ReferencedDataset
 from laploop.perception.geometry import Rig
 
 
-class JoinedDataset:
+class JoinedDataset(DepthDataset):
     """The frames of several data sets, one set after another; each keeps its splits."""
 
     def __init__(self, parts: Sequence[DepthDataset]) -> None:
@@ -31,18 +31,10 @@ class JoinedDataset:
         self._parts = tuple(parts)
         self._starts = np.cumsum([0, *(len(part) for part in parts)])
         self.path = Path("+".join(str(part.path) for part in parts))
-        self.split: NDArray[np.uint8] = np.concatenate([part.split for part in parts])
-        self.tissue_seed: NDArray[np.int64] = np.concatenate([part.tissue_seed for part in parts])
-        self.tool_in_view: NDArray[np.bool_] = np.concatenate([part.tool_in_view for part in parts])
-
-    def __len__(self) -> int:
-        """Return the number of planned frames."""
-        return int(self._starts[-1])
-
-    @property
-    def optics(self) -> ScopeOptics:
-        """The nominal scope of the first data set."""
-        return self._parts[0].optics
+        self.optics = parts[0].optics
+        self.split = np.concatenate([part.split for part in parts])
+        self.tissue_seed = np.concatenate([part.tissue_seed for part in parts])
+        self.tool_in_view = np.concatenate([part.tool_in_view for part in parts])
 
     def done(self) -> NDArray[np.bool_]:
         """Return which frames are whole."""
@@ -57,26 +49,16 @@ class JoinedDataset:
         starts = self._starts[:-1]
         return np.concatenate([start + part.indices(split) for start, part in zip(starts, self._parts, strict=True)])
 
+    def read(self, name: str, index: int) -> NDArray[Any]:
+        """Read one array of a frame; see `DepthDataset`."""
+        part, within = self._find(index)
+        return part.read(name, within)
+
     def verify(self, indices: Iterable[int]) -> None:
         """Compare frames with their checksums; see `DepthDataset`."""
         for index in indices:
             part, within = self._find(index)
             part.verify([within])
-
-    def image(self, index: int) -> NDArray[np.uint8]:
-        """Read one image (H, W)."""
-        part, within = self._find(index)
-        return part.image(within)
-
-    def depth_mm(self, index: int) -> NDArray[np.float32]:
-        """Read one exact depth map (H, W)."""
-        part, within = self._find(index)
-        return part.depth_mm(within)
-
-    def lit(self, index: int) -> NDArray[np.bool_]:
-        """Read where the projector reached (H, W)."""
-        part, within = self._find(index)
-        return part.lit(within)
 
     def rig(self, index: int) -> Rig:
         """Return the rig that took a frame."""
@@ -84,28 +66,13 @@ class JoinedDataset:
         return part.rig(within)
 
     def _find(self, index: int) -> tuple[DepthDataset, int]:
-        part, within = self._place(index)
-        return self._parts[part], within
-
-    def _place(self, index: int) -> tuple[int, int]:
-        if not 0 <= index < len(self):
-            raise InvalidValueError("index of a frame", index, f"0 to {len(self) - 1}")
+        self._check_index(index)
         part = int(np.searchsorted(self._starts, index, side="right")) - 1
-        return part, int(index - self._starts[part])
+        return self._parts[part], int(index - self._starts[part])
 
 
-class JoinedPairs(JoinedDataset):
+class JoinedPairs(JoinedDataset, ReferencedDataset):
     """The same of data sets that all have a reference camera."""
-
-    def __init__(self, parts: Sequence[ReferencedDataset]) -> None:
-        """Join open data sets; see `JoinedDataset`."""
-        super().__init__(parts)
-        self._pairs = tuple(parts)
-
-    def reference_depth_mm(self, index: int) -> NDArray[np.float32]:
-        """Read one depth map (H, W) of the reference camera."""
-        part, within = self._place(index)
-        return self._pairs[part].reference_depth_mm(within)
 
 
 def join(parts: Sequence[DepthDataset]) -> DepthDataset:
@@ -116,5 +83,4 @@ def join(parts: Sequence[DepthDataset]) -> DepthDataset:
     """
     if len(parts) == 1:
         return parts[0]
-    pairs = [part for part in parts if isinstance(part, ReferencedDataset)]
-    return JoinedPairs(pairs) if len(pairs) == len(parts) else JoinedDataset(parts)
+    return JoinedPairs(parts) if all(isinstance(part, ReferencedDataset) for part in parts) else JoinedDataset(parts)

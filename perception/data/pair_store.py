@@ -16,7 +16,7 @@ Beside the arrays lies `calibration.json`, the calibration that `reference_depth
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, cast
 
@@ -28,6 +28,7 @@ from laploop.configuration import to_plain
 from laploop.errors import InvalidValueError
 from laploop.perception.calibration.calibration_file import as_json, load_calibration
 from laploop.perception.calibration.results import StereoCalibration
+from laploop.perception.data.dataset import ReferencedDataset
 from laploop.perception.data.integrity import refusing_damage
 from laploop.perception.data.store import Store
 from laploop.perception.geometry import Intrinsics, Rig
@@ -55,20 +56,11 @@ class PairFrame:
     reference_rgba: NDArray[np.uint8]
 
 
-_TYPES = {
-    "image": "uint8",
-    "reference_depth_mm": "float32",
-    "depth_mm": "float32",
-    "lit": "bool",
-    "shadow": "bool",
-    "projector_x": "float32",
-    "projector_y": "float32",
-    "reference_z_mm": "float32",
-    "reference_rgba": "uint8",
-}
+_TYPES = {field.name: "float32" for field in fields(PairFrame)}
+_TYPES |= {"image": "uint8", "lit": "bool", "shadow": "bool", "reference_rgba": "uint8"}
 
 
-class PairStore(Store):
+class PairStore(Store, ReferencedDataset):
     """One paired data set on disk."""
 
     FORMAT = "laploop-pairs-2"
@@ -150,15 +142,11 @@ class PairStore(Store):
 
     def frame(self, index: int) -> PairFrame:
         """Read all arrays of a pair."""
-        return PairFrame(**{name: self._read(name, index) for name in _TYPES})
-
-    def reference_depth_mm(self, index: int) -> Float32:
-        """Read the reference camera's depth in the scope's image (H, W); NaN where the paper's M is 0."""
-        return self._read("reference_depth_mm", index)
+        return PairFrame(**{name: self.read(name, index) for name in _TYPES})
 
     def reference_cloud_mm(self, index: int) -> Float32:
         """Return the reference camera's valid points (n, 3) in its frame, to the bit what the camera gave."""
-        z_mm: Float32 = self._read("reference_z_mm", index)
+        z_mm: Float32 = self.read("reference_z_mm", index)
         cloud: Float32 = self.reference_intrinsics.rays.astype(np.float32) * z_mm[..., None]
         return cloud[np.isfinite(z_mm)]
 
@@ -168,7 +156,7 @@ class PairStore(Store):
 
     def metadata(self, index: int) -> dict[str, Any]:
         """Read the metadata of a pair."""
-        return cast("dict[str, Any]", json.loads(self._read("metadata", index).tobytes().rstrip(b"\0")))
+        return cast("dict[str, Any]", json.loads(self.read("metadata", index).tobytes().rstrip(b"\0")))
 
 
 def reproject_by(

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.configuration import from_plain
 from laploop.errors import DatasetError, InvalidValueError, OutputError
+from laploop.perception.data.dataset import SPLITS, DepthDataset
 from laploop.perception.data.integrity import (
     CHECKSUM_BYTES,
     compare,
@@ -33,9 +34,6 @@ from laploop.perception.data.integrity import (
     sha256,
     sha256_of_json,
 )
-from laploop.perception.geometry import Rig
-
-SPLITS = ("train", "val", "test")
 
 _PLAN = {"tissue_seed": "int64", "split": "uint8", "tool_in_view": "bool"}
 _CHECKSUM_FILE = re.compile(r"c\.(\d+)\.0")
@@ -46,7 +44,7 @@ _STORE_ALL_CHUNKS = {"array.write_empty_chunks": True}
 """By default Zarr omits chunks that equal the fill value, and returns another NaN than was written."""
 
 
-class Store:
+class Store(DepthDataset):
     """A data set on disk; its subclasses say which arrays a frame has."""
 
     FORMAT: ClassVar[str]
@@ -77,14 +75,7 @@ class Store:
             for name, checksum in self._attributes["files"].items():
                 compare(name, (path / name).read_bytes(), checksum)
             self.optics = from_plain(ScopeOptics, self._attributes["optics"])
-            """The nominal scope."""
-        self.tissue_seed: NDArray[np.int64] = self._plan["tissue_seed"]
-        self.split: NDArray[np.uint8] = self._plan["split"]
-        self.tool_in_view: NDArray[np.bool_] = self._plan["tool_in_view"]
-
-    def __len__(self) -> int:
-        """Return the number of planned frames."""
-        return len(self.split)
+        self.tissue_seed, self.split, self.tool_in_view = (self._plan[name] for name in _PLAN)
 
     @classmethod
     def open(cls, path: Path, *, writable: bool = False) -> Self:
@@ -157,66 +148,23 @@ class Store:
         """Return the number of whole frames."""
         return int(self.done().sum())
 
-    def indices(self, split: str) -> NDArray[np.intp]:
-        """Return the frames of a split that are done.
-
-        Raises:
-            InvalidValueError: If the split is unknown or has no frame.
-        """
-        if split not in SPLITS:
-            raise InvalidValueError("split", split, f"one of {', '.join(SPLITS)}")
-        chosen = np.flatnonzero((self.split == SPLITS.index(split)) & self.done())
-        if not len(chosen):
-            name = f"number of {self.NOUN}s in split {split!r} of {self.path}"
-            raise InvalidValueError(name, 0, "1 or more; finish the data set")
-        return chosen
-
     def tissues_by_split(self) -> dict[str, int]:
         """Return the number of tissues of each split."""
         return {name: len(np.unique(self.tissue_seed[self.split == number])) for number, name in enumerate(SPLITS)}
 
     def verify(self, indices: Iterable[int]) -> None:
-        """Read all arrays of some frames and compare them with their checksums.
-
-        Raises:
-            DatasetError: If one is damaged or not done.
-        """
+        """Compare all arrays of some frames with their checksums; see `DepthDataset`."""
         for index in indices:
             for name in self._names:
-                self._read(name, int(index))
+                self.read(name, int(index))
 
     def remove_left_behind(self) -> None:
         """Remove files that killed processes left half-written; no process may be writing."""
         for file in self.path.rglob(_LEFT_BEHIND):
             file.unlink(missing_ok=True)
 
-    def image(self, index: int) -> NDArray[np.uint8]:
-        """Read one image (H, W)."""
-        return self._read("image", index)
-
-    def depth_mm(self, index: int) -> NDArray[np.float32]:
-        """Read one exact depth map (H, W)."""
-        return self._read("depth_mm", index)
-
-    def lit(self, index: int) -> NDArray[np.bool_]:
-        """Read where the projector reached (H, W)."""
-        return self._read("lit", index)
-
-    def rig(self, index: int) -> Rig:
-        """Return the rig that took a frame.
-
-        Raises:
-            InvalidValueError: If there is no such frame.
-        """
-        raise NotImplementedError
-
-    def _read(self, name: str, index: int) -> NDArray[Any]:
-        """Read one array of a frame and compare it with its checksum.
-
-        Raises:
-            InvalidValueError: If there is no such frame.
-            DatasetError: If the frame is damaged or not done.
-        """
+    def read(self, name: str, index: int) -> NDArray[Any]:
+        """Read one array of a frame and compare it with its checksum; see `DepthDataset`."""
         self._check_index(index)
         with refusing_damage(f"{name} of {self.NOUN} {index} of {self.path}"):
             values = np.asarray(self._arrays[name][index])
@@ -246,10 +194,6 @@ class Store:
         except OSError as error:
             message = f"cannot write {self.NOUN} {index} to {self.path}: {error}; what was saved stays"
             raise OutputError(message) from error
-
-    def _check_index(self, index: int) -> None:
-        if not 0 <= index < len(self):
-            raise InvalidValueError(f"index of a {self.NOUN}", index, f"0 to {len(self) - 1}")
 
     def _check_attributes(self) -> None:
         found = self._attributes.get("format")

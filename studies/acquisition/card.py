@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.perception.calibration.results import transform_residual
+from laploop.perception.data.dataset import SPLITS
 from laploop.perception.data.pair_store import PairStore
-from laploop.perception.data.store import SPLITS
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from laploop.assets.tissue_config import TissueConfig
 from laploop.configuration import Field, Seed, Workers, configuration, to_plain
 from laploop.envs.sensors.optics.presets import OpticsRanges
 from laploop.errors import InvalidValueError
-from laploop.perception.data.store import SPLITS
+from laploop.perception.data.dataset import SPLITS
 from laploop.studies.calibration.config import CalibrationConfig, Views
 from laploop.studies.scenes.optical_bench import OpticalBench
 

@@ -24,7 +24,7 @@ from laploop.studies.calibration.views import (
     draw_pose,
     in_view,
     is_lit,
-    take_view,
+    take_views,
 )
 
 Array = NDArray[np.float64]
@@ -123,22 +123,17 @@ def take_own_views(config: CalibrationConfig, rng: np.random.Generator, count: C
         stand.place(pose)
         return [camera.capture(None, np.eye(4), rng).image]
 
-    views = []
-    for depths in depth_slices(config.own_depths_m, config.views):
+    def draw(depths_m: tuple[float, float]) -> Array:
+        return draw_pose(
+            rng,
+            board,
+            camera.rig.camera,
+            depths_m=depths_m,
+            tilt_deg=_OWN_TILT_DEG,
+            seen=lambda pose: is_lit(pose, board, camera.rig),
+        )
 
-        def draw(depths: tuple[float, float] = depths) -> Array:
-            return draw_pose(
-                rng,
-                board,
-                camera.rig.camera,
-                depths_m=depths,
-                tilt_deg=_OWN_TILT_DEG,
-                seen=lambda pose: is_lit(pose, board, camera.rig),
-            )
-
-        views.append(take_view(draw, picture, board))
-        count()
-    return views
+    return take_views(draw, picture, board, depth_slices(config.own_depths_m, config.views), count)
 
 
 def take_pairs(
@@ -157,23 +152,11 @@ def take_pairs(
     def seen(pose: Array) -> bool:
         return is_lit(pose, board, scope.rig) and in_view(reference_from_scope @ pose, board, reference.intrinsics)
 
-    views = []
-    for depths in depth_slices(config.pair_depths_m, config.views):
+    def draw(depths_m: tuple[float, float]) -> Array:
+        base = between(bench.scope_from_reference)
+        return draw_pose(rng, board, scope.rig.camera, depths_m=depths_m, tilt_deg=_PAIR_TILT_DEG, base=base, seen=seen)
 
-        def draw(depths: tuple[float, float] = depths) -> Array:
-            return draw_pose(
-                rng,
-                board,
-                scope.rig.camera,
-                depths_m=depths,
-                tilt_deg=_PAIR_TILT_DEG,
-                base=between(bench.scope_from_reference),
-                seen=seen,
-            )
-
-        views.append(take_view(draw, picture, board))
-        count()
-    return views
+    return take_views(draw, picture, board, depth_slices(config.pair_depths_m, config.views), count)
 
 
 def _factory_calibration(
@@ -187,15 +170,11 @@ def _factory_calibration(
         stand.place(pose)
         return [camera.capture(None, np.eye(4), rng).rgba]
 
-    corners = []
-    for depths in depth_slices(_FACTORY_DEPTHS_M, config.views):
+    def draw(depths_m: tuple[float, float]) -> Array:
+        return draw_pose(rng, board, k, depths_m=depths_m, tilt_deg=_OWN_TILT_DEG)
 
-        def draw(depths: tuple[float, float] = depths) -> Array:
-            return draw_pose(rng, board, k, depths_m=depths, tilt_deg=_OWN_TILT_DEG)
-
-        corners.append(take_view(draw, picture, board).corners[0])
-        count()
-    return calibrate_camera(corners, board, width=k.width, height=k.height)
+    views = take_views(draw, picture, board, depth_slices(_FACTORY_DEPTHS_M, config.views), count)
+    return calibrate_camera([view.corners[0] for view in views], board, width=k.width, height=k.height)
 
 
 def _projector(

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -145,6 +146,21 @@ def take_view(
         f"the board of {board.columns} x {board.rows} squares of {board.square_mm:g} mm was not found in the pictures of "
         f"{_RETAKES} poses; allowed: larger squares, more light or more pixels"
     )
+
+
+def take_views(
+    draw: Callable[[tuple[float, float]], Array],
+    picture: Callable[[Array], Sequence[NDArray[np.uint8]]],
+    board: CalibrationBoard,
+    slices: Sequence[tuple[float, float]],
+    done: Callable[[], None],
+) -> list[View]:
+    """Take a view in each slice of depths; `draw` returns a pose in a slice, `done` is called after each view."""
+    views = []
+    for depths in slices:
+        views.append(take_view(partial(draw, depths), picture, board))
+        done()
+    return views
 
 
 def in_view(camera_from_board: Array, board: CalibrationBoard, camera: Intrinsics) -> bool:

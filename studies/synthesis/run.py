@@ -10,8 +10,8 @@ from laploop.assets.shafts import INSTRUMENT
 from laploop.assets.tissue_config import TissueConfig
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.errors import OutputError
+from laploop.perception.data.dataset import SPLITS
 from laploop.perception.data.frame_store import FrameStore
-from laploop.perception.data.store import SPLITS
 from laploop.perception.geometry import Rig
 from laploop.studies.scenes.frame_conditions import CameraPose, draw_camera, draw_optics, draw_tool
 from laploop.studies.scenes.hard_conditions import ill_exposure, place_large_tool
