@@ -261,6 +261,7 @@ CALIBRATIONS = [
         "deep": _written("[" * 100_000),
         "UTF-16": _written("{}".encode("utf-16")),
         "NaN": _written('{"schema": NaN}'),
+        "of another scope": _spoilt_calibration(lambda content: None),
         "other schema": _spoilt_calibration(lambda content: content.update(schema="bench")),
         "infinite": _spoilt_calibration(lambda content: content["cameras"]["scope"].update(fx=10**400)),
         "a million metres": _spoilt_calibration(

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 
-from laploop.errors import OutputError
+from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.calibration.calibration_file import load_calibration
 from laploop.perception.data.pair_store import PairStore
 from laploop.studies.acquisition.config import AcquisitionConfig
@@ -81,13 +81,16 @@ def _open_or_create(config: AcquisitionConfig, out: Path, calibration: Path | No
             )
         store.remove_left_behind()
         return store
-    intrinsics = reference_optics(config).intrinsics
+    intrinsics, scope = reference_optics(config).intrinsics, config.bench.scope
+    if given is not None and (given.scope.intrinsics.width, given.scope.intrinsics.height) != (scope.width, scope.height):
+        size = (given.scope.intrinsics.width, given.scope.intrinsics.height)
+        raise InvalidValueError(f"image of the scope in {calibration}", size, f"{(scope.width, scope.height)}, the bench's")
     if given is None:
         with progress("views of the calibration board", config.calibration.pictures) as report:
             given = calibrate_bench(config.calibration, report).stereo
     return PairStore.create(
         out,
-        optics=config.bench.scope,
+        optics=scope,
         reference_intrinsics=intrinsics,
         true_scope_from_reference=config.bench.scope_from_reference,
         calibration=given,

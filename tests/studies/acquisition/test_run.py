@@ -18,7 +18,7 @@ from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
 from laploop.assets.tissue_config import TissueConfig, TissueMaterial, TissueShape
 from laploop.envs.sensors.reference.optics import ReferenceOptics
-from laploop.errors import DatasetError, MissingFileError, OutputError, SimulationError, WorkerError
+from laploop.errors import DatasetError, InvalidValueError, MissingFileError, OutputError, SimulationError, WorkerError
 from laploop.perception.calibration.calibration_file import save_calibration
 from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
 from laploop.perception.data.check import check_dataset
@@ -342,6 +342,13 @@ def test_calibration_that_is_missing_is_an_error_before_anything_is_written(tmp_
     assert list(tmp_path.iterdir()) == []
 
 
+def test_calibration_of_another_scope_is_refused_before_anything_is_written(tmp_path, calibration):
+    bench = replace(SMALL.bench, scope=ScopeOptics(width=96, height=64))
+    with pytest.raises(InvalidValueError, match=r"calibration\.json is \(64, 64\); allowed: \(96, 64\)"):
+        collect_pairs(replace(SMALL, bench=bench), tmp_path / "pairs", calibration=calibration)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_bench_is_calibrated_once_where_no_calibration_is_given(tmp_path, monkeypatch):
     asked = []
 
@@ -401,7 +408,7 @@ def test_check_finds_damage_and_says_where(copied, damage, message):
         ("depth_mm", lambda mm: mm + np.float32(5.0), "differ by"),
         ("projector_x", lambda x: np.full_like(x, np.nan), "finite"),
         ("lit", np.zeros_like, "the projector reaches"),
-        ("image", np.zeros_like, "its image is even"),
+        ("image", np.zeros_like, "its image is uniform"),
     ],
 )
 def test_check_finds_what_cannot_be(copied, name, change, message):
