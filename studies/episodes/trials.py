@@ -82,17 +82,15 @@ def run_trials(
         WorkerError: If the worker processes cannot be started, or one of them dies.
     """
     folder = out / ROWS_FOLDER
-    identity = _identity(config.episode)
-    rows = {
-        episode.seed: row for episode in config.episodes() if (row := _kept_row(folder, identity, episode.seed)) is not None
-    }
+    key = _key(config.episode)
+    rows = {episode.seed: row for episode in config.episodes() if (row := _kept_row(folder, key, episode.seed)) is not None}
     missing = [episode for episode in config.episodes() if episode.seed not in rows]
     if progress is not None:
         progress(len(rows))
 
     def keep(episode: EpisodeConfig, row: Row) -> None:
         rows[episode.seed] = row
-        _keep_row(folder, identity, row)
+        _keep_row(folder, key, row)
         if progress is not None:
             progress(len(rows))
 
@@ -249,10 +247,10 @@ def _share_cores(workers: int) -> None:
     torch.set_num_threads(max(1, (os.cpu_count() or 1) // workers))
 
 
-def _identity(episode: EpisodeConfig) -> dict[str, Any]:
-    """Return all that decides an episode's row, apart from its seed: a file counts by its content, wherever it lies."""
-    plain = json.loads(json.dumps(asdict(episode), default=_digest))
-    return {"version": version("laploop"), "episode": {name: value for name, value in plain.items() if name != "seed"}}
+def _key(episode: EpisodeConfig) -> str:
+    """Return a hash of all that decides an episode's row, apart from its seed: a file counts by its content."""
+    decisive = {**asdict(episode), "seed": None, "version": version("laploop")}
+    return hashlib.sha256(json.dumps(decisive, default=_digest, sort_keys=True).encode()).hexdigest()
 
 
 def _digest(value: object) -> str:
@@ -266,12 +264,12 @@ def _row_path(folder: Path, seed: int) -> Path:
     return folder / f"seed_{seed:06d}.json"
 
 
-def _kept_row(folder: Path, identity: Mapping[str, Any], seed: int) -> Row | None:
+def _kept_row(folder: Path, key: str, seed: int) -> Row | None:
     path = _row_path(folder, seed)
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
         row: Row = kept["row"]
-        same = row["seed"] == seed and row["error"] is None and all(kept.get(name) == identity[name] for name in identity)
+        same = row["seed"] == seed and row["error"] is None and kept.get("key") == key
     except FileNotFoundError:
         return None
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -279,6 +277,6 @@ def _kept_row(folder: Path, identity: Mapping[str, Any], seed: int) -> Row | Non
     return row if same else None
 
 
-def _keep_row(folder: Path, identity: Mapping[str, Any], row: Row) -> None:
+def _keep_row(folder: Path, key: str, row: Row) -> None:
     with whole_file(_row_path(folder, row["seed"])) as path:
-        path.write_text(json.dumps({**identity, "row": row}, indent=1) + "\n", encoding="utf-8")
+        path.write_text(json.dumps({"key": key, "row": row}, indent=1) + "\n", encoding="utf-8")
