@@ -44,7 +44,7 @@ floors: $(DEV)
 	$(BIN)/lint-imports
 
 pytest: $(DEV)
-	$(BIN)/pytest --numprocesses logical
+	$(BIN)/pytest --numprocesses logical --dist loadfile
 
 test-slow: $(DEV)
 	$(BIN)/pytest -m slow --timeout 3600
