@@ -86,7 +86,6 @@ class CramerRaoBound:
     """The floor of every pixel of an image, with mean and contrast of the stripes as they are around it."""
 
     def __init__(self, rig: Rig, noise: SensorNoise | None = None) -> None:
-        """Prepare the reading of mean and contrast."""
         self.rig = rig
         self.noise = noise or SensorNoise()
         self._config = PhaseConfig()

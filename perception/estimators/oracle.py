@@ -13,7 +13,6 @@ class OracleEstimator:
     """Returns the exact depth that the environment showed it beforehand."""
 
     def __init__(self, rig: Rig) -> None:
-        """Keep the rig, whose image size is checked."""
         self._rig = rig
         self._truth: NDArray[np.float32] | None = None
 

@@ -46,7 +46,6 @@ class PhaseConfig:
     """Grey value from which a pixel counts as saturated."""
 
     def __post_init__(self) -> None:
-        """Check that the range of depth is one."""
         if self.nearest_mm >= self.farthest_mm:
             raise InvalidValueError("nearest_mm and farthest_mm", (self.nearest_mm, self.farthest_mm), "0 < nearest < farthest")
 
@@ -72,7 +71,6 @@ class PhaseEstimator:
     """
 
     def __init__(self, rig: Rig, config: PhaseConfig | None = None) -> None:
-        """Prepare the filters."""
         self.rig = rig
         self.config = config or PhaseConfig()
         camera = self.rig.camera

@@ -47,7 +47,6 @@ class StripeFrontEnd(nn.Module):
     """The fixed part: contrast normalisation and demodulation by matrix products."""
 
     def __init__(self, rig: Rig, config: CompactConfig) -> None:
-        """Make the filters for a rig."""
         super().__init__()
         camera = rig.camera
         if camera.width % (2 ** len(config.widths)) or camera.height % (2 ** len(config.widths)):
@@ -113,7 +112,6 @@ class CompactUNet(DepthNetwork):
         return cls(rig, config)
 
     def __init__(self, rig: Rig, config: CompactConfig) -> None:
-        """Make the network with random weights from torch's global generator."""
         super().__init__()
         self.config: CompactConfig = config
         self.turns_metre = StripeCarrier(rig=rig).turns_metre

@@ -87,7 +87,6 @@ class CompactConfig(NetworkConfig):
     """Demodulation windows: standard deviation along x in periods and along y in pixels. The first is the base."""
 
     def __post_init__(self) -> None:
-        """Check the number of levels and windows."""
         _check_levels("widths", self.widths)
         _check_levels("windows", self.windows, least=1)
 
@@ -107,7 +106,6 @@ class SslePhaseConfig(SizedNetworkConfig):
     """Channels of each level of the refiner."""
 
     def __post_init__(self) -> None:
-        """Check the number of levels and windows, and that the image can be halved often enough."""
         _check_levels("windows", self.windows, least=1)
         for name, widths in (("reader_widths", self.reader_widths), ("refiner_widths", self.refiner_widths)):
             _check_levels(name, widths)
@@ -124,7 +122,6 @@ class LatentUNetConfig:
     """Width of each level in units of the base, the bottleneck last; the paper's are 128, 256, 512, 1024 and 1024."""
 
     def __post_init__(self) -> None:
-        """Check the number of levels."""
         _check_levels("multipliers", self.multipliers)
 
     @property
@@ -161,7 +158,6 @@ class VqVaeConfig:
     """Training batches without use after which an entry is moved; 0 for never."""
 
     def __post_init__(self) -> None:
-        """Check the number of levels."""
         _check_levels("multipliers", self.multipliers, least=1)
 
     @property
@@ -189,7 +185,6 @@ class SsleConfig(SizedNetworkConfig):
     """Replace the predicted latent by codebook entries before the decoder."""
 
     def __post_init__(self) -> None:
-        """Check that the latents have one size and that the image divides."""
         if self.image.shrink != self.depth.shrink:
             shrinks = (self.image.shrink, self.depth.shrink)
             raise InvalidValueError("image pixels a latent pixel, of image and depth", shrinks, "the same for both")
@@ -207,5 +202,4 @@ class DualUNetConfig(SizedNetworkConfig):
     """The depth network's sigmoid ends there; it starts at 0."""
 
     def __post_init__(self) -> None:
-        """Check that the image divides."""
         self.check_multiple(max(self.mask.shrink, self.depth.shrink))

@@ -33,7 +33,6 @@ class DualUNet(DepthNetwork):
     """MaskNet and DepthNet side by side."""
 
     def __init__(self, config: DualUNetConfig) -> None:
-        """Make the networks with random weights from torch's global generator."""
         super().__init__()
         self.config: DualUNetConfig = config
         self.mask_net = LatentUNet(1, 1, config.mask)

@@ -34,7 +34,6 @@ class LatentUNet(nn.Module):
     """Maps (B, inputs, h, w) to (B, outputs, h, w)."""
 
     def __init__(self, inputs: int, outputs: int, config: LatentUNetConfig) -> None:
-        """Make the network with random weights from torch's global generator."""
         super().__init__()
         widths = config.widths
         # The decoder's widths are not in the text; these are the usual ones of a bilinear U-Net: half the encoder's.

@@ -19,7 +19,6 @@ class ResidualBlock(nn.Module):
     """x + f(x), where f is twice: normalise, swish, 3x3 convolution; a 1x1 convolution adapts x where the widths differ."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
-        """Make the block with random weights."""
         super().__init__()
         self.norm1 = group_norm(inputs)
         self.conv1 = nn.Conv2d(inputs, outputs, 3, padding=1)
@@ -42,7 +41,6 @@ class SelfAttention(nn.Module):
     """
 
     def __init__(self, channels: int) -> None:
-        """Make the layer with random weights."""
         super().__init__()
         self.norm = group_norm(channels)
         self.qkv = nn.Conv2d(channels, 3 * channels, 1)

@@ -42,7 +42,6 @@ class SsleNetwork(DepthNetwork):
     """The network that is run; of what only training needs, it holds nothing but the depth codebook."""
 
     def __init__(self, config: SsleConfig) -> None:
-        """Make the network with random weights from torch's global generator."""
         super().__init__()
         self.config: SsleConfig = config
         image, depth = config.image, config.depth

@@ -33,7 +33,6 @@ class SslePhase(DepthNetwork):
     """Front end, reader, refiner, and triangulation."""
 
     def __init__(self, config: SslePhaseConfig) -> None:
-        """Make the network with random weights from torch's global generator."""
         super().__init__()
         self.config: SslePhaseConfig = config
         self.front = PhaseFrontEnd((config.height, config.width), config.windows)

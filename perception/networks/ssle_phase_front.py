@@ -38,11 +38,6 @@ class RigBatch:
     """(B, 9) float64: fx, fy, cx, cy in pixels, baseline in m, half width and period of the mask (tangent), phase, duty."""
 
     def __post_init__(self) -> None:
-        """Check the shape.
-
-        Raises:
-            InvalidValueError: If it is not (B, 9).
-        """
         if self.values.ndim != 2 or self.values.shape[1] != RIG_NUMBERS:
             raise InvalidValueError("shape of the rigs' numbers", tuple(self.values.shape), f"(batch, {RIG_NUMBERS})")
 

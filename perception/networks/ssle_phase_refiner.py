@@ -34,7 +34,6 @@ class PhaseRefiner(nn.Module):
     """U-Net on the stripes as they look around a reading."""
 
     def __init__(self, front: PhaseFrontEnd, widths: Sequence[int]) -> None:
-        """Make the network behind a front end."""
         super().__init__()
         self.trunk = AdditiveUNet(_channels(front), widths)
         self.head = nn.Conv2d(widths[0], 4 * _MAPS, 3, padding=1)

@@ -26,7 +26,6 @@ class Downsample(nn.Module):
     """A 3x3 convolution with stride 2; the last row and column see one zero beyond the edge."""
 
     def __init__(self, channels: int) -> None:
-        """Make the layer with random weights."""
         super().__init__()
         self.conv = nn.Conv2d(channels, channels, 3, stride=2)
 
@@ -40,7 +39,6 @@ class Encoder(nn.Module):
     """Maps (B, 1, H, W) to continuous latents (B, latent, H / shrink, W / shrink)."""
 
     def __init__(self, config: VqVaeConfig) -> None:
-        """Make the encoder with random weights."""
         super().__init__()
         width = config.base
         folding = [nn.PixelUnshuffle(config.fold)] if config.fold > 1 else []
@@ -65,7 +63,6 @@ class Decoder(nn.Module):
     """Maps latents (B, latent, h, w) to (B, 1, h * shrink, w * shrink) in -1 to 1."""
 
     def __init__(self, config: VqVaeConfig) -> None:
-        """Make the decoder with random weights."""
         super().__init__()
         width = config.widths[-1]
         layers: list[nn.Module] = [nn.Conv2d(config.latent, config.latent, 1), nn.Conv2d(config.latent, width, 3, padding=1)]
@@ -90,7 +87,6 @@ class VqVae(nn.Module):
     """Encoder, quantiser and decoder of one domain, whose values are scaled to -1 to 1."""
 
     def __init__(self, config: VqVaeConfig) -> None:
-        """Make the network with random weights from torch's global generator."""
         super().__init__()
         self.config = config
         self.encoder = Encoder(config)

@@ -24,7 +24,6 @@ class CompactRecipe(ScaleRecipe):
     name = "compact"
 
     def __init__(self, rig: Rig, config: CompactConfig, training: CompactTraining) -> None:
-        """Make the network with random weights that depend on the seed alone."""
         self.schedule = training.schedule
         self.settings = {"l1_weight": training.l1_weight, "gain_range": training.gain_range}
         self.gain_range = training.gain_range

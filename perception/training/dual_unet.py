@@ -25,7 +25,6 @@ class DualUNetRecipe(Recipe):
     name = "dual-unet"
 
     def __init__(self, config: DualUNetConfig, training: DualUNetTraining) -> None:
-        """Make the networks with random weights that depend on the seed alone."""
         self.schedule, self.gain_range = training.schedule, training.gain_range
         self.settings = {name: value for name, value in to_plain(training).items() if name != "schedule"}
         self._training = training

@@ -107,7 +107,6 @@ class SslePhaseOptions(StageOptions):
     """Weights of a trained network to go on from: its first stage stays as it is, its last learns on."""
 
     def __post_init__(self) -> None:
-        """Check that the first stage has one source."""
         given = [name for name in ("reader_epochs", "reader", "start") if getattr(self, name) is not None]
         if len(given) > 1:
             allowed = f"none with {given[0]}: the first stage is trained, read from a file, or part of a whole network"

@@ -38,11 +38,6 @@ class TrainingRun:
     """Called once everything is checked, before something is written."""
 
     def __post_init__(self) -> None:
-        """Check the number of frames.
-
-        Raises:
-            InvalidValueError: If it is not above 0.
-        """
         if self.limit is not None and self.limit < 1:
             raise InvalidValueError("limit", self.limit, "an integer above 0")
 

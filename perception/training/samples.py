@@ -77,7 +77,6 @@ class Samples:
         return cls(rows=rows, split=split, fingerprint=digest.hexdigest())
 
     def __len__(self) -> int:
-        """Return the number of frames."""
         return len(self.rows)
 
 
@@ -114,14 +113,12 @@ class SampleDataset(Dataset[Sample]):
     """Hands whole batches to torch's loader, augmented by the recipe in training."""
 
     def __init__(self, samples: Samples, recipe: Recipe, *, training: bool) -> None:
-        """Take over samples."""
         self._rows = samples.rows
         self._recipe = recipe
         self._training = training
         self._derived: dict[Key, Sample] = {}
 
     def __len__(self) -> int:
-        """Return the number of frames."""
         return len(self._rows)
 
     def __getitem__(self, key: Key) -> Sample:
@@ -155,7 +152,6 @@ class EpochSampler(Sampler[Key]):
     """
 
     def __init__(self, frames: int, *, seed: int, shuffle: bool, rank: int = 0, processes: int = 1) -> None:
-        """Start at epoch 0."""
         self._frames, self._seed, self._shuffle = frames, seed, shuffle
         self._rank, self._processes = rank, processes
         self._epoch = 0
@@ -165,11 +161,9 @@ class EpochSampler(Sampler[Key]):
         self._epoch = epoch
 
     def __len__(self) -> int:
-        """Return the number of keys of this process."""
         return math.ceil(self._frames / self._processes)
 
     def __iter__(self) -> Iterator[Key]:
-        """Yield the keys."""
         order = np.arange(self._frames)
         if self._shuffle:
             order = np.random.default_rng([self._seed, self._epoch]).permutation(self._frames)

@@ -45,7 +45,6 @@ class Schedule:
     """Decides the first weights, the order and the augmentation."""
 
     def __post_init__(self) -> None:
-        """Check that the rate does not rise."""
         if self.final_learning_rate > self.learning_rate:
             raise InvalidValueError("final_learning_rate", self.final_learning_rate, "0 to learning_rate")
 

@@ -54,7 +54,6 @@ class ReaderRecipe(_PhaseRecipe):
     name = "reader"
 
     def __init__(self, config: SslePhaseConfig, training: SslePhaseTraining) -> None:
-        """Make the network with random weights that depend on the seed alone."""
         super().__init__(seeded(lambda: SslePhase(config), training.reader.seed), training, TRAINED)
         self.schedule = training.reader
         self.network = self.phase.reader
@@ -94,7 +93,6 @@ class SslePhaseRecipe(_PhaseRecipe):
     name = "ssle-phase"
 
     def __init__(self, phase: SslePhase, training: SslePhaseTraining, first_stage: str = TRAINED) -> None:
-        """Take over a network with a trained reader."""
         super().__init__(phase, training, first_stage)
         self.schedule = training.refiner
         self.variants = training.variants

@@ -143,7 +143,6 @@ class EpochWriter(pl.Callback):
     """After every epoch: weights, log, and last the checkpoint, each written atomically; a bar in between."""
 
     def __init__(self, recipe: Recipe, out: Path, *, progress: bool) -> None:
-        """Write into the folder `out`."""
         self._recipe, self._out = recipe, out
         self._began = time.perf_counter()
         self._bar = _progress_bar(visible=progress)

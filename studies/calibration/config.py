@@ -47,7 +47,6 @@ class CalibrationConfig:
     """Standard deviation of the joint angles that the arm reports."""
 
     def __post_init__(self) -> None:
-        """Check that no range is empty."""
         check_ordered(self)
 
     @property

@@ -44,7 +44,6 @@ class BoardStand:
     """A board or a card in front of cameras."""
 
     def __init__(self, surface: BoardSurface, cameras: Sequence[_Attachable]) -> None:
-        """Attach it to the cameras."""
         self._points = surface.points
         self._geometry = SceneGeometry(
             points=surface.points,

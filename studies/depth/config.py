@@ -45,7 +45,6 @@ class DepthEvaluation:
     """Frames kept for the figures."""
 
     def __post_init__(self) -> None:
-        """Check what belongs together."""
         if self.nearest_mm >= self.farthest_mm:
             raise InvalidValueError("nearest_mm and farthest_mm", (self.nearest_mm, self.farthest_mm), "0 < nearest < farthest")
         if len(self.bins_mm) < 2 or list(self.bins_mm) != sorted(set(self.bins_mm)):

@@ -33,11 +33,6 @@ class TaskTableConfig:
     """Names of campaigns; all if none is given."""
 
     def __post_init__(self) -> None:
-        """Check the names.
-
-        Raises:
-            UnknownNameError: If there is no such campaign.
-        """
         names = [campaign.name for campaign in campaigns()]
         for name in self.only:
             if name not in names:

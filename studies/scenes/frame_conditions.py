@@ -54,7 +54,6 @@ class FrameRanges(OpticsRanges):
     """Depth of a pressing tip below the resting surface; one instrument in four presses."""
 
     def __post_init__(self) -> None:
-        """Check that no range is empty, and that the instrument fits beside the camera."""
         check_ordered(self)
         nearest = min(self.working_distance_m[0], self.usual_distance_m[0])
         largest = _CLEAR_FRACTION * nearest * math.sin(self.tool_tilt_rad[1])

@@ -44,7 +44,6 @@ class OpticalBench:
     """From the reference camera to the world's origin."""
 
     def __post_init__(self) -> None:
-        """Check that the reference camera sees the origin."""
         check_range("reference_distance_m", self.reference_distance_m, self.reference.near_m, self.reference.far_m)
 
     @property

@@ -46,7 +46,6 @@ class TrainingFramesConfig:
     """Fraction of the frames in which a tenth to half of the pixels are saturated, or dark."""
 
     def __post_init__(self) -> None:
-        """Check that there is a tissue, and not more frames than a data set may hold."""
         if self.tissues == 0:
             raise InvalidValueError("number of tissues", 0, "at least 1 over the three splits")
         if self.frames > 1_000_000:

@@ -62,11 +62,6 @@ class BenchConfig:
     """Simulated time after which an unsolved episode ends."""
 
     def __post_init__(self) -> None:
-        """Check the names.
-
-        Raises:
-            UnknownNameError: If there is no such estimator.
-        """
         for name in (self.perception, *self.estimators):
             check_estimator(name)
 

@@ -44,7 +44,6 @@ class SpeedConfig:
     """Decides the drawn images and the random weights."""
 
     def __post_init__(self) -> None:
-        """Check the model, and what belongs together."""
         check_estimator(self.model)
         if self.model == "oracle":
             raise InvalidValueError("model", self.model, "an estimator that computes its depth")
