@@ -28,6 +28,12 @@ def figure_page(path: Path | str, *, title: str, width_in: float, height_in: flo
         figure.savefig(path, format="png")
 
 
+def hide_frame(axis: Axes) -> None:
+    """Leave nothing around a picture: no ticks, no border."""
+    axis.set(xticks=[], yticks=[])
+    axis.spines[:].set_visible(False)
+
+
 def draw_limit(axis: Axes, value: float) -> None:
     """Draw a dashed line across."""
     axis.axhline(value, color=GREY, linewidth=0.8, linestyle="--")

@@ -35,9 +35,7 @@ def draw_examples(store: PairStore, statistics: PairStatistics, path: Path | str
             figure.colorbar(picture, ax=axes[row, 4], shrink=0.8)
             axes[row, 0].set_ylabel(f"pair {index}, {statistics.working_distance_mm[index]:.0f} mm")
             for axis in axes[row]:
-                axis.set_xticks([])
-                axis.set_yticks([])
-                axis.set_facecolor("#cccccc")
+                axis.set(xticks=[], yticks=[], facecolor="#cccccc")
         for axis, title in zip(axes[0], titles, strict=True):
             axis.set_title(title)
 
@@ -52,14 +50,12 @@ def draw_statistics(statistics: PairStatistics, path: Path | str) -> None:
         _draw_histogram(axes[1, 0], statistics.difference_median_mm, "median of reference - exact depth [mm]")
         _draw_histogram(axes[1, 1], statistics.difference_p95_mm, "95th percentile of its magnitude [mm]")
         axes[1, 2].plot(statistics.working_distance_mm, statistics.grey_mean, ".", color=BLUE, markersize=4)
-        axes[1, 2].set_xlabel("commanded working distance [mm]")
-        axes[1, 2].set_ylabel("mean grey value")
+        axes[1, 2].set(xlabel="commanded working distance [mm]", ylabel="mean grey value")
         axes[1, 2].set_ylim(bottom=0.0)
         draw_grid(axes[1, 2])
 
 
 def _draw_histogram(axis: Axes, values: np.ndarray[Any, Any], label: str) -> None:
     axis.hist(values, bins=20, color=BLUE)
-    axis.set_xlabel(label)
-    axis.set_ylabel("pairs")
+    axis.set(xlabel=label, ylabel="pairs")
     draw_grid(axis)

@@ -55,11 +55,13 @@ def _draw_views(axis: Axes, found: BenchCalibration) -> None:
         axis.plot(np.arange(1, len(errors) + 1), errors, marker, color=colour, markersize=4.5, fillstyle="none", label=label)
     draw_limit(axis, LIMIT_PX)
     draw_grid(axis)
-    axis.set_ylim(0.0, 1.45 * LIMIT_PX)
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axis.set_xlabel("view")
-    axis.set_ylabel("reprojection error, rms [px]")
-    axis.set_title("reprojection error of each view")
+    axis.set(
+        ylim=(0.0, 1.45 * LIMIT_PX),
+        xlabel="view",
+        ylabel="reprojection error, rms [px]",
+        title="reprojection error of each view",
+    )
     axis.legend(ncols=2, frameon=False, fontsize=8, loc="upper left")
 
 
@@ -83,9 +85,8 @@ def _draw_truth(axis: Axes, residuals: TrueResiduals) -> None:
     axis.axvline(1.0, color=GREY, linewidth=0.8, linestyle="--")
     axis.set_yticks(range(len(rows)), [name for name, *_ in rows])
     axis.invert_yaxis()
-    axis.set_xlim(0.0, 1.7)
-    axis.set_xlabel(f"fraction of the limit ({LIMIT_DEG:g} deg, {LIMIT_MM:g} mm)")
-    axis.set_title("true residuals")
+    limits = f"fraction of the limit ({LIMIT_DEG:g} deg, {LIMIT_MM:g} mm)"
+    axis.set(xlim=(0.0, 1.7), xlabel=limits, title="true residuals")
 
 
 def _draw_on_sensor(axis: Axes, found: BenchCalibration) -> None:
@@ -102,11 +103,7 @@ def _draw_on_sensor(axis: Axes, found: BenchCalibration) -> None:
             *place.T, *arrows.T, angles="xy", scale_units="xy", scale=1.0 / enlarged, color=colour, width=0.0018, label=name
         )
     k = scope.intrinsics
-    axis.set_xlim(0, k.width)
-    axis.set_ylim(k.height, 0)
-    axis.set_aspect("equal")
-    axis.set_xlabel("u [px]")
-    axis.set_ylabel("v [px]")
+    axis.set(xlim=(0, k.width), ylim=(k.height, 0), aspect="equal", xlabel="u [px]", ylabel="v [px]")
     axis.set_title(f"scope: misfits in the picture, {enlarged:g} times", pad=18)
     axis.legend(ncols=2, frameon=False, fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 0.985), borderaxespad=0.0)
 
@@ -118,12 +115,8 @@ def _draw_scatter(axis: Axes, misfit: Array, colour: str, name: str) -> None:
     axis.axhline(0.0, color=GREY, linewidth=0.5)
     axis.axvline(0.0, color=GREY, linewidth=0.5)
     half = 1.05 * float(np.abs(misfit).max())
-    axis.set_xlim(-half, half)
-    axis.set_ylim(half, -half)
-    axis.set_aspect("equal")
-    axis.set_xlabel("measured minus reprojected, u [px]")
-    axis.set_ylabel("v [px]")
-    axis.set_title(f"{name}\nrms {rms:.3f} px (circle)")
+    axis.set(xlim=(-half, half), ylim=(half, -half), aspect="equal", title=f"{name}\nrms {rms:.3f} px (circle)")
+    axis.set(xlabel="measured minus reprojected, u [px]", ylabel="v [px]")
 
 
 def _by_view(misfit: Array) -> Array:

@@ -1,9 +1,6 @@
 """True errors of a bench's calibration, which only a simulator knows, and its tables."""
 
-import csv
-import io
 import math
-from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +12,7 @@ from laploop.perception.calibration.results import CameraCalibration, transform_
 from laploop.perception.geometry import Intrinsics, Rig
 from laploop.studies.calibration.hand_eye_views import flange_from_camera
 from laploop.studies.calibration.run import BenchCalibration
+from laploop.studies.csv_text import csv_text
 
 Array = NDArray[np.float64]
 
@@ -122,11 +120,11 @@ def as_dict(found: BenchCalibration) -> dict[str, object]:
 def corners_as_csv(found: BenchCalibration) -> str:
     """Return a row for each corner of each picture: measured minus reprojected, pixels."""
     rows = (
-        (step, camera, view, corner, f"{dx:.4f}", f"{dy:.4f}")
+        (step, camera, view, corner, *(f"{shift:.4f}" for shift in misfit[view, corner]))
         for step, camera, misfit in misfits(found)
-        for (view, corner), (dx, dy) in _numbered(misfit)
+        for view, corner in np.ndindex(*misfit.shape[:2])
     )
-    return _csv(("step", "camera", "view", "corner", "du_px", "dv_px"), rows)
+    return csv_text(("step", "camera", "view", "corner", "du_px", "dv_px"), rows)
 
 
 def views_as_csv(found: BenchCalibration) -> str:
@@ -140,7 +138,7 @@ def views_as_csv(found: BenchCalibration) -> str:
         rows += [("card", "scope", view, f"{e:.5f}", "turns") for view, e in enumerate(found.projector.view_errors_turns)]
     if found.hand_eye is not None:
         rows += [("arm", "scope", view, f"{e:.4f}", "px") for view, e in enumerate(found.hand_eye.view_errors_px)]
-    return _csv(("step", "camera", "view", "error", "unit"), rows)
+    return csv_text(("step", "camera", "view", "error", "unit"), rows)
 
 
 def misfits(found: BenchCalibration) -> tuple[tuple[str, str, Array], ...]:
@@ -151,11 +149,6 @@ def misfits(found: BenchCalibration) -> tuple[tuple[str, str, Array], ...]:
         ("pair", "scope", joint.scope_misfit_px),
         ("pair", "reference", joint.reference_misfit_px),
     )
-
-
-def _numbered(misfit: Array) -> Iterator[tuple[tuple[int, int], Array]]:
-    for view, corner in np.ndindex(*misfit.shape[:2]):
-        yield (view, corner), misfit[view, corner]
 
 
 def _transform_residual(found: Array, true: Array) -> TransformResidual:
@@ -205,11 +198,3 @@ def _depth_errors(nominal: Rig, camera: CameraCalibration, projector: ProjectorC
         found = rig.depth_from_projector_x((turns + np.round(expected - turns) - phase) * rig.mask.period_tan)
     errors: Array = 1e3 * (found - _BIAS_DEPTH_M)[lit]
     return errors[np.isfinite(errors)] if errors.size else np.array([math.nan])
-
-
-def _csv(header: tuple[str, ...], rows: Iterable[Iterable[object]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return text.getvalue()

@@ -7,7 +7,7 @@ from matplotlib.patches import Rectangle
 
 from laploop.studies.characterization.config import FIGURE_DISTANCES_MM
 from laploop.studies.characterization.run import Characterization, StripeProfile
-from laploop.studies.figure_style import BLUE, GREY, RED, draw_grid, figure_page
+from laploop.studies.figure_style import BLUE, GREY, RED, draw_grid, figure_page, hide_frame
 
 
 def draw_characterization(found: Characterization, title: str, path: Path | str) -> None:
@@ -36,8 +36,7 @@ def _draw_image(axis: Axes, profile: StripeProfile) -> None:
     axis.imshow(profile.image, cmap="gray", vmin=0.0, vmax=white)
     corner, size = (roi.left - 0.5, roi.top - 0.5), (roi.right - roi.left, roi.bottom - roi.top)
     axis.add_patch(Rectangle(corner, *size, fill=False, edgecolor=BLUE, linewidth=1.6))
-    axis.set_title(f"{profile.distance_mm} mm")
-    axis.set_xlabel(f"white: grey value {white:.0f} of 255")
+    axis.set(title=f"{profile.distance_mm} mm", xlabel=f"white: grey value {white:.0f} of 255")
     _show_middle(axis, profile.image.shape)
 
 
@@ -47,8 +46,8 @@ def _draw_profile(axis: Axes, profile: StripeProfile) -> None:
     axis.plot(profile.scale_mm, profile.mean, color=BLUE, linewidth=1.4)
     for places, marker in ((profile.peaks, "^"), (profile.valleys, "v")):
         axis.plot(profile.scale_mm[places], profile.mean[places], marker, color=RED, markersize=4.5)
-    axis.set_title(f"{profile.distance_mm} mm: Michelson contrast {profile.contrast:.2f}")
-    axis.set_ylabel("mean grey value\n(shaded: 2 standard deviations)")
+    title = f"{profile.distance_mm} mm: Michelson contrast {profile.contrast:.2f}"
+    axis.set(title=title, ylabel="mean grey value\n(shaded: 2 standard deviations)")
     axis.set_ylim(bottom=0.0)
     draw_grid(axis)
     axis.margins(x=0.01)
@@ -58,14 +57,12 @@ def _draw_distances(axis: Axes, found: Characterization) -> None:
     distances = [profile.distance_mm for profile in found.profiles]
     axis.plot(distances, [profile.contrast for profile in found.profiles], "o-", color=BLUE, linewidth=1.4, markersize=4)
     axis.set_ylim(bottom=0.0)
-    axis.set_xlabel("distance to the middle mark [mm]")
+    title = f"one exposure for all distances ({1e3 * found.exposure_s:.1f} ms)"
+    axis.set(xlabel="distance to the middle mark [mm]", title=title)
     axis.set_ylabel("Michelson contrast", color=BLUE)
-    axis.set_title(f"one exposure for all distances ({1e3 * found.exposure_s:.1f} ms)")
     draw_grid(axis)
-    intensity = axis.twinx()
-    intensity.plot(
-        distances, [profile.mean_intensity for profile in found.profiles], "s--", color=GREY, linewidth=1.1, markersize=3.5
-    )
+    intensity, means = axis.twinx(), [profile.mean_intensity for profile in found.profiles]
+    intensity.plot(distances, means, "s--", color=GREY, linewidth=1.1, markersize=3.5)
     intensity.set_ylim(bottom=0.0)
     intensity.set_ylabel("mean grey value", color=GREY)
     intensity.spines["right"].set_visible(True)
@@ -74,9 +71,5 @@ def _draw_distances(axis: Axes, found: Characterization) -> None:
 def _show_middle(axis: Axes, shape: tuple[int, ...]) -> None:
     """Cut an eighth of the image off each side, where there is nothing but dark, and hide the axes."""
     height, width = shape
-    axis.set_xlim(0.125 * width, 0.875 * width)
-    axis.set_ylim(0.875 * height, 0.125 * height)
-    axis.set_xticks([])
-    axis.set_yticks([])
-    for spine in axis.spines.values():
-        spine.set_visible(False)
+    axis.set(xlim=(0.125 * width, 0.875 * width), ylim=(0.875 * height, 0.125 * height))
+    hide_frame(axis)

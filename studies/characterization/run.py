@@ -1,9 +1,7 @@
 """Visibility of the projected stripes against working distance, measured as on a bench: on a depth-of-field target."""
 
-import csv
-import io
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +18,7 @@ from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Intrinsics, Rig
 from laploop.studies.characterization.config import FIGURE_DISTANCES_MM, CharacterizationConfig
+from laploop.studies.csv_text import csv_text
 
 _ROI_SCALE_MM = (5.0, 45.0)
 _ROI_HALF_HEIGHT_MM = 4.0
@@ -195,17 +194,10 @@ def as_csv(found: Characterization) -> str:
     """Return a row for each distance."""
     header = ("distance_mm", "contrast", "mean_intensity", "spread_over_width", "peaks", "valleys")
     rows = [
-        (
-            profile.distance_mm,
-            f"{profile.contrast:.4f}",
-            f"{profile.mean_intensity:.2f}",
-            f"{profile.spread.mean():.2f}",
-            len(profile.peaks),
-            len(profile.valleys),
-        )
-        for profile in found.profiles
+        (p.distance_mm, f"{p.contrast:.4f}", f"{p.mean_intensity:.2f}", f"{p.spread.mean():.2f}", len(p.peaks), len(p.valleys))
+        for p in found.profiles
     ]
-    return _csv(header, rows)
+    return csv_text(header, rows)
 
 
 def profiles_as_csv(found: Characterization) -> str:
@@ -215,7 +207,7 @@ def profiles_as_csv(found: Characterization) -> str:
         for profile in found.profiles
         for scale, mean, spread in zip(profile.scale_mm, profile.mean, profile.spread, strict=True)
     ]
-    return _csv(("distance_mm", "scale_mm", "mean_intensity", "spread"), rows)
+    return csv_text(("distance_mm", "scale_mm", "mean_intensity", "spread"), rows)
 
 
 def as_markdown(found: Characterization) -> str:
@@ -223,14 +215,6 @@ def as_markdown(found: Characterization) -> str:
     lines = ["| distance [mm] | Michelson contrast | mean intensity [grey values] |", "|---:|---:|---:|"]
     lines += [f"| {p.distance_mm} | {p.contrast:.3f} | {p.mean_intensity:.1f} |" for p in found.profiles]
     return "\n".join(lines) + "\n"
-
-
-def _csv(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return text.getvalue()
 
 
 def _scene(target: DepthOfFieldTarget) -> SceneGeometry:

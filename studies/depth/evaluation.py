@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import track
 
 from laploop.errors import InvalidValueError
 from laploop.perception.cramer_rao import CramerRaoBound
@@ -71,11 +71,8 @@ def evaluate_depth(
     estimators.all(data.rig(int(indices[0])))
     evaluation = _Evaluation(data, chosen, indices)
     shown = set(_example_indices(data.tissue_seed[indices], indices, chosen.examples))
-    with Progress(console=Console(stderr=True), disable=not progress) as bar:
-        task = bar.add_task("evaluating", total=len(indices))
-        for index in map(int, indices):
-            evaluation.count(index, estimators.all(data.rig(index)), keep=index in shown)
-            bar.update(task, advance=1)
+    for index in track(indices.tolist(), "evaluating", console=Console(stderr=True), disable=not progress):
+        evaluation.count(index, estimators.all(data.rig(index)), keep=index in shown)
     table = DepthTable(
         dataset=dataset.name,
         config=chosen,

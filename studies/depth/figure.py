@@ -118,9 +118,7 @@ def draw_distance(table: DepthTable, against: str, path: Path | str) -> None:
             axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
             axis.yaxis.set_minor_formatter(NullFormatter())
-            axis.set_title(name)
-            axis.set_xlabel("median depth of the frame [mm]")
-            axis.set_xticks(edges)
+            axis.set(title=name, xlabel="median depth of the frame [mm]", xticks=edges)
             draw_grid(axis)
         axes[0].set_ylabel("mean absolute error [mm]")
         handles, labels = axes[0].get_legend_handles_labels()
@@ -176,11 +174,8 @@ def _show_depth(axis: Axes, depth_mm: Any, limits: tuple[float, float]) -> Any:
 
 
 def _show(axis: Axes, values: Any, **options: Any) -> Any:
-    axis.set_facecolor(_NOTHING)
-    axis.set_xticks([])
-    axis.set_yticks([])
-    for spine in axis.spines.values():
-        spine.set(visible=True, color=GREY, linewidth=0.5)
+    axis.set(facecolor=_NOTHING, xticks=[], yticks=[])
+    axis.spines[:].set(visible=True, color=GREY, linewidth=0.5)
     return axis.imshow(values, interpolation="nearest", **options)
 
 

@@ -1,7 +1,5 @@
 """Errors of models outside of their training set, and whether their confidence shows them."""
 
-import csv
-import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import track
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError
@@ -19,6 +17,7 @@ from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.metrics import DepthErrors, DepthMetrics, MetricsInterval, bootstrap_interval
+from laploop.studies.csv_text import csv_text
 from laploop.studies.depth.config import RobustnessConfig
 from laploop.studies.depth.evaluation import EstimatorCache
 from laploop.studies.depth.robustness_scenes import CONDITIONS, NOMINAL, OTHER_TISSUE, robustness_frames
@@ -120,33 +119,31 @@ def measure_robustness(
     names = [*models, SURROUNDINGS]
     sums = np.zeros((len(CONDITIONS), len(names), _SETS, chosen.tissues, 8))
     places = {name: place for place, name in enumerate(CONDITIONS)}
-    with Progress(console=Console(stderr=True), disable=not progress) as bar:
-        task = bar.add_task("robustness", total=len(CONDITIONS) * chosen.frames)
-        nominal: list[DepthEstimate] = []
-        for frame in robustness_frames(chosen, scope):
-            truth = frame.depth_mm
-            hit = np.isfinite(truth)
-            counted = hit & (truth >= range_mm[0]) & (truth <= range_mm[1])
-            estimates: list[DepthEstimate] = []
-            for estimator in estimators.all(frame.rig).values():
-                if isinstance(estimator, OracleEstimator):
-                    estimator.see_truth(truth)
-                estimates.append(checked_estimate(estimator.estimate(frame.image), frame.image.shape))
-            # What is nearer than the range, as the instrument, is no part of the surface.
-            seen = hit & frame.lit & (truth >= range_mm[0])
-            filled = fill_smoothly(truth, seen) if seen.any() else truth
-            estimates.append(DepthEstimate(depth_mm=filled.astype(np.float32), valid=seen))
-            if frame.condition == NOMINAL:
-                usual, nominal = frame, estimates
-            lit = counted & frame.lit
-            same = lit & usual.lit & (np.abs(truth - usual.depth_mm) < _SAME_MM) & (frame.condition != OTHER_TISSUE)
-            for number, (estimate, before) in enumerate(zip(estimates, nominal, strict=True)):
-                masks = (counted, counted & estimate.valid, hit & estimate.valid, lit, same)
-                for which, (made, mask) in enumerate([*((estimate, mask) for mask in masks), (before, same)]):
-                    errors = DepthErrors()
-                    errors.add(made.depth_mm, truth, mask)
-                    sums[places[frame.condition], number, which, frame.tissue] += errors.sums
-            bar.update(task, advance=1)
+    frames, count = robustness_frames(chosen, scope), len(CONDITIONS) * chosen.frames
+    nominal: list[DepthEstimate] = []
+    for frame in track(frames, "robustness", total=count, console=Console(stderr=True), disable=not progress):
+        truth = frame.depth_mm
+        hit = np.isfinite(truth)
+        counted = hit & (truth >= range_mm[0]) & (truth <= range_mm[1])
+        estimates: list[DepthEstimate] = []
+        for estimator in estimators.all(frame.rig).values():
+            if isinstance(estimator, OracleEstimator):
+                estimator.see_truth(truth)
+            estimates.append(checked_estimate(estimator.estimate(frame.image), frame.image.shape))
+        # What is nearer than the range, as the instrument, is no part of the surface.
+        seen = hit & frame.lit & (truth >= range_mm[0])
+        filled = fill_smoothly(truth, seen) if seen.any() else truth
+        estimates.append(DepthEstimate(depth_mm=filled.astype(np.float32), valid=seen))
+        if frame.condition == NOMINAL:
+            usual, nominal = frame, estimates
+        lit = counted & frame.lit
+        same = lit & usual.lit & (np.abs(truth - usual.depth_mm) < _SAME_MM) & (frame.condition != OTHER_TISSUE)
+        for number, (estimate, before) in enumerate(zip(estimates, nominal, strict=True)):
+            masks = (counted, counted & estimate.valid, hit & estimate.valid, lit, same)
+            for which, (made, mask) in enumerate([*((estimate, mask) for mask in masks), (before, same)]):
+                errors = DepthErrors()
+                errors.add(made.depth_mm, truth, mask)
+                sums[places[frame.condition], number, which, frame.tissue] += errors.sums
     return [
         _row(model, condition, sums[place, number], sums[0, number], chosen)
         for number, model in enumerate(names)
@@ -193,11 +190,8 @@ def write_robustness(rows: Sequence[RobustnessRow], out: Path) -> None:
         OutputError: If the folder cannot be written.
     """
     flat = [row.flat() for row in rows]
-    lines = io.StringIO()
-    writer = csv.DictWriter(lines, fieldnames=list(flat[0]))
-    writer.writeheader()
-    writer.writerows(flat)
-    write_texts(out, {"robustness.csv": lines.getvalue(), "robustness.md": robustness_markdown(rows)})
+    text = csv_text(flat[0], (row.values() for row in flat))
+    write_texts(out, {"robustness.csv": text, "robustness.md": robustness_markdown(rows)})
 
 
 def robustness_markdown(rows: Sequence[RobustnessRow]) -> str:

@@ -1,7 +1,5 @@
 """The table of a depth evaluation: scores of the models against each truth, as JSON, CSV and Markdown."""
 
-import csv
-import io
 import json
 import math
 from collections.abc import Mapping, Sequence
@@ -15,6 +13,7 @@ from numpy.typing import NDArray
 from laploop.errors import InvalidValueError
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.metrics import DepthMetrics, MetricsInterval
+from laploop.studies.csv_text import csv_text
 from laploop.whole_file import whole_file
 
 TABLE_NAME = "depth"
@@ -157,10 +156,6 @@ def write_table(table: DepthTable, out: Path) -> None:
         OutputError: If the folder cannot be written.
     """
     rows = table.flat_rows()
-    lines = io.StringIO()
-    writer = csv.DictWriter(lines, fieldnames=list(rows[0]))
-    writer.writeheader()
-    writer.writerows(rows)
     plain = {
         "dataset": table.dataset,
         "split": table.config.split,
@@ -173,7 +168,7 @@ def write_table(table: DepthTable, out: Path) -> None:
     }
     texts = {
         ".json": json.dumps(plain, indent=2, allow_nan=False) + "\n",
-        ".csv": lines.getvalue(),
+        ".csv": csv_text(rows[0], (row.values() for row in rows)),
         ".md": markdown_table(table),
     }
     write_texts(out, {f"{TABLE_NAME}{suffix}": text for suffix, text in texts.items()})

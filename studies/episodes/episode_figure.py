@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from laploop.envs.recording.episode_log import EpisodeLog
 from laploop.envs.recording.recorder import DepthRecord
 from laploop.envs.tasks.configs import ReachConfig
-from laploop.studies.figure_style import BLUE, GREY, ORANGE, RED, draw_grid, draw_limit, figure_page
+from laploop.studies.figure_style import BLUE, GREY, ORANGE, RED, draw_grid, draw_limit, figure_page, hide_frame
 
 SUCCESS_RADIUS_MM = ReachConfig.success_radius_m * 1e3
 """Drawn in the plot of the reach task's target error."""
@@ -79,14 +79,10 @@ def _draw_images(figure: SubFigure, records: Sequence[DepthRecord]) -> None:
         difference = axes[row, 3].imshow(error, cmap=error_colors, vmin=-limit, vmax=limit)
         axes[row, 0].set_ylabel(f"{when}, captured at {record.depth.captured_ns * 1e-9:.2f} s")
         seen = error[np.isfinite(error)]
-        mae = f"MAE {np.abs(seen).mean():.2f} mm" if seen.size else "nothing valid"
-        axes[row, 3].set_xlabel(mae)
+        axes[row, 3].set_xlabel(f"MAE {np.abs(seen).mean():.2f} mm" if seen.size else "nothing valid")
         axes[row, 1].set_xlabel(f"{100.0 * record.depth.estimate.valid.mean():.0f} % valid")
         for axis in axes[row]:
-            axis.set_xticks([])
-            axis.set_yticks([])
-            for spine in axis.spines.values():
-                spine.set_visible(False)
+            hide_frame(axis)
     for axis, title in zip(axes[0], _COLUMNS, strict=True):
         axis.set_title(title)
     figure.colorbar(depth, ax=axes[:, 2], label="z-depth [mm]", shrink=0.9, aspect=30)
@@ -103,29 +99,20 @@ def _draw_plots(figure: SubFigure, log: EpisodeLog, limit_mm: float | None) -> N
     error = log.series("target_error_mm")
     if limit_mm is not None:
         draw_limit(target, limit_mm)
-        target.annotate(
-            f"{limit_mm:g} mm",
-            (1.0, limit_mm),
-            xycoords=("axes fraction", "data"),
-            ha="right",
-            va="bottom",
-            color=GREY,
-        )
+        place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "ha": "right", "va": "bottom"}
+        target.annotate(f"{limit_mm:g} mm", (1.0, limit_mm), color=GREY, **place)
     target.plot(times, error, color=BLUE, linewidth=1.6)
     if np.nanmax(error, initial=0.0) > 0.0:
         target.set_yscale("log")
         target.yaxis.set_major_formatter(mpl.ticker.FormatStrFormatter("%g"))
     target.set_ylabel("target error [mm]")
     force.plot(times, log.series("contact_force_n"), color=RED, linewidth=1.2)
-    force.set_ylabel("contact\nforce [N]")
-    force.set_ylim(0.0, _axis_top(log.series("contact_force_n"), at_least=0.1))
+    force.set(ylabel="contact\nforce [N]", ylim=(0.0, _axis_top(log.series("contact_force_n"), at_least=0.1)))
     for arm, color in (("camera", ORANGE), ("tool", BLUE)):
         rcm.plot(times, log.series(f"rcm_error_mm/{arm}"), color=color, linewidth=0.9, label=f"{arm} arm")
-    rcm.set_ylabel("trocar\nerror [mm]")
     both = np.concatenate([log.series("rcm_error_mm/camera"), log.series("rcm_error_mm/tool")])
-    rcm.set_ylim(0.0, _axis_top(both, at_least=0.01))
+    rcm.set(xlabel="simulated time [s]", ylabel="trocar\nerror [mm]", ylim=(0.0, _axis_top(both, at_least=0.01)))
     rcm.legend(loc="lower right", bbox_to_anchor=(1.0, 0.95), frameon=False, ncols=2, borderaxespad=0.0)
-    rcm.set_xlabel("simulated time [s]")
     for axis in (target, force, rcm):
         draw_grid(axis)
         axis.margins(x=0.01)

@@ -1,7 +1,5 @@
 """The table of tasks: campaigns of episodes, measured against their targets."""
 
-import csv
-import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +8,7 @@ from typing import Annotated, Any
 from laploop.configuration import Field, configuration
 from laploop.envs.episode_config import EpisodeConfig
 from laploop.errors import OutputError, UnknownNameError
+from laploop.studies.csv_text import csv_text
 from laploop.studies.episodes.task_campaigns import CAMPAIGNS, Campaign, campaigns
 from laploop.studies.episodes.trials import Row, TrialsConfig, run_trials
 
@@ -93,13 +92,8 @@ def summarise_tasks(rows: Mapping[str, Sequence[Row]], campaigns: Sequence[Campa
 
 def table_csv(summary: Mapping[str, Any]) -> str:
     """Write a line for each number as CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=_COLUMNS, extrasaction="ignore", lineterminator="\n")
-    writer.writeheader()
-    for line in summary["campaigns"]:
-        for check in line["checks"]:
-            writer.writerow({**line, **check, **(check["spread"] or {})})
-    return text.getvalue()
+    lines = ({**line, **check, **(check["spread"] or {})} for line in summary["campaigns"] for check in line["checks"])
+    return csv_text(_COLUMNS, ([line.get(name) for name in _COLUMNS] for line in lines))
 
 
 def table_markdown(summary: Mapping[str, Any]) -> str:

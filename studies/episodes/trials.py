@@ -1,8 +1,6 @@
 """Many episodes, one a seed, and their totals."""
 
-import csv
 import hashlib
-import io
 import json
 import os
 from collections import Counter
@@ -19,6 +17,7 @@ from numpy.typing import NDArray
 from laploop.configuration import Field, configuration
 from laploop.envs.episode_config import EpisodeConfig
 from laploop.errors import InfeasibleError, InvalidValueError, SimulationError
+from laploop.studies.csv_text import csv_text
 from laploop.whole_file import whole_file
 from laploop.workers import run_in_workers
 
@@ -178,11 +177,8 @@ def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
 
 def as_csv(rows: Sequence[Row]) -> str:
     """Write rows as CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=(*COLUMNS, *_names(rows, "metrics", "limits")), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(_flat(row) for row in rows)
-    return text.getvalue()
+    columns = (*COLUMNS, *_names(rows, "metrics", "limits"))
+    return csv_text(columns, ([flat.get(name) for name in columns] for flat in map(_flat, rows)))
 
 
 def as_markdown(rows: Sequence[Row], summary: Mapping[str, Any]) -> str:

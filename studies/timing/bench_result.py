@@ -1,13 +1,13 @@
 """The results of the bench, as plain data, CSV and Markdown."""
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, astuple, dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from laploop.studies.csv_text import csv_text
 
 LIMITS_MS: Mapping[str, float] = {
     "stripe frame": 20.0,
@@ -92,11 +92,7 @@ class BenchResult:
 
 def as_csv(result: BenchResult) -> str:
     """Write the stages as CSV."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=[item.name for item in fields(Stage)], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(asdict(stage) for stage in result.stages)
-    return text.getvalue()
+    return csv_text([item.name for item in fields(Stage)], map(astuple, result.stages))
 
 
 def as_markdown(result: BenchResult) -> str:

@@ -5,8 +5,6 @@ to the device and back where it is a GPU, and the network. Reading files, drawin
 other without a pause, after a warm-up that is not counted.
 """
 
-import csv
-import io
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,6 +17,7 @@ from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError, MissingFileError, UnknownNameError
 from laploop.perception.estimators import checked_estimate, make_estimator
 from laploop.perception.geometry import Rig
+from laploop.studies.csv_text import csv_text
 from laploop.studies.timing.speed_config import AUTO, ESTIMATOR, PRECISIONS, SpeedConfig
 
 Image = NDArray[np.uint8]
@@ -219,10 +218,6 @@ def drawn_frames(rig: Rig, count: int, rng: np.random.Generator) -> list[Image]:
 
 def trace_csv(result: SpeedResult) -> str:
     """Write the service times as CSV: `frame,latency_ms`, on a GPU also `device_ms`; what `laploop run` can replay."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["frame", "latency_ms"] + ([] if result.device_ms is None else ["device_ms"]))
-    for index, latency in enumerate(result.latency_ms):
-        row: list[object] = [index, f"{latency:.6f}"]
-        writer.writerow(row if result.device_ms is None else [*row, f"{result.device_ms[index]:.6f}"])
-    return text.getvalue()
+    times = {"latency_ms": result.latency_ms} | ({} if result.device_ms is None else {"device_ms": result.device_ms})
+    rows = zip(*times.values(), strict=True)
+    return csv_text(("frame", *times), ((index, *(f"{ms:.6f}" for ms in row)) for index, row in enumerate(rows)))
