@@ -97,15 +97,10 @@ class CramerRaoBound:
         return self.rig.mask.period_tan * self.rig.camera.fx
 
     def sigma_mm(self, image: NDArray[np.uint8], depth_mm: Floating, *, rows: int = 1) -> NDArray[np.float64]:
-        """Return the least standard deviation of depth at each pixel, (H, W).
+        """Return the least standard deviation of depth at each pixel, (H, W), from grey values and exact depth, both (H, W).
 
-        The window is one period wide and `rows` high. NaN where the floor has no meaning: where there is no depth, and where
-        the stripes are too faint to be distinguished from noise or too bright for the sensor.
-
-        Args:
-            image: (H, W), grey values.
-            depth_mm: (H, W), exact depth, NaN where there is none.
-            rows: Height of the window in pixels.
+        The window is one period wide and `rows` pixels high. NaN where the floor has no meaning: where there is no depth, and
+        where the stripes are too faint to be distinguished from noise or too bright for the sensor.
 
         Raises:
             InvalidValueError: If a shape or the window is impossible.

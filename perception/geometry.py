@@ -116,11 +116,7 @@ class Rig:
 
 
 def rigid_transform(name: str, transform: Any) -> Array:
-    """Return a read-only copy of a rigid transform, 4x4, metres.
-
-    Args:
-        name: Its name, for the message.
-        transform: The transform.
+    """Return a read-only copy of a rigid transform, 4x4, metres; `name` is what the message calls it.
 
     Raises:
         InvalidValueError: If it is not a 4x4 matrix of finite numbers, not a rotation and a translation, or its translation

@@ -66,11 +66,7 @@ class NetworkSpec:
         return Path(str(files("laploop.assets") / "weights" / f"{self.name}.safetensors"))
 
     def sized(self, size: str | None = None) -> NetworkConfig:
-        """Return the configuration of a size, by default the usual one.
-
-        Raises:
-            UnknownNameError: If there is no such size.
-        """
+        """Return the configuration of a size, by default the usual one; an `UnknownNameError` names those there are."""
         size = next(iter(self.sizes)) if size is None else size
         if size not in self.sizes:
             raise UnknownNameError(f"size of {self.name}", size, self.sizes)

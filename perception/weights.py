@@ -81,11 +81,7 @@ def load_weights(
 
 
 def read_architecture(path: Path, form: str) -> dict[str, Any]:
-    """Return the description of the architecture that a file's weights fit, without reading the weights.
-
-    Args:
-        path: A file that `save_weights` wrote.
-        form: The `format` that the description must have.
+    """Return the description, of format `form`, of the architecture that a file's weights fit, without reading the weights.
 
     Raises:
         MissingFileError: If there is no such file.
@@ -100,12 +96,7 @@ def read_architecture(path: Path, form: str) -> dict[str, Any]:
 
 
 def difference(found: object, wanted: object) -> str:
-    """Say in which fields what a file holds differs from what it should, in words; empty if in none.
-
-    Args:
-        found: A tree as JSON gives it back.
-        wanted: A tree that JSON takes.
-    """
+    """Say in words in which fields a tree from JSON differs from the one that is wanted; empty if in none."""
     return "; ".join(islice(_differences(found, json.loads(json.dumps(wanted)), ""), 3))
 
 
@@ -118,11 +109,7 @@ def _differences(found: object, wanted: object, path: str) -> Iterator[str]:
 
 
 def refuse_pickle(path: Path) -> None:
-    """Refuse a file that starts like a pickle or torch's archive of one.
-
-    Raises:
-        WeightsError: If it does.
-    """
+    """Raise a `WeightsError` for a file that starts like a pickle or torch's archive of one."""
     with path.open("rb") as stream:
         start = stream.read(9)
     # Safetensors begin with the header's length, whose lowest byte may be a pickle's first, and then the header, a JSON object.

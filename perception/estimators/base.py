@@ -18,7 +18,11 @@ class DepthEstimator(Protocol):
     """
 
     def estimate(self, image: NDArray[np.uint8]) -> DepthEstimate:
-        """Estimate z-depth in millimetres and its validity from an image (height, width)."""
+        """Estimate z-depth in millimetres and its validity from an image (height, width).
+
+        Raises:
+            InvalidValueError: If the image is not what the rig's camera delivers.
+        """
         ...
 
 
@@ -80,11 +84,7 @@ def to_eight_bits(image: NDArray[np.uint16], bits: int = 12) -> NDArray[np.uint8
 
 
 def check_image(image: NDArray[np.uint8], rig: Rig) -> None:
-    """Refuse an image that is not what the rig's camera delivers.
-
-    Raises:
-        InvalidValueError: If type or size differ.
-    """
+    """Raise an `InvalidValueError` unless an image has the type and the size that the rig's camera delivers."""
     size = (rig.camera.height, rig.camera.width)
     if not isinstance(image, np.ndarray) or image.dtype != np.uint8:
         raise InvalidValueError("type of image", getattr(image, "dtype", type(image)), "a numpy array of uint8")

@@ -85,13 +85,9 @@ class MonocularEstimator:
 
     @classmethod
     def from_pretrained(cls, rig: Rig, weights: Path | None = None, *, name: str, device: str = "cpu") -> "MonocularEstimator":
-        """Load a network from a local folder, or from the hub's cache on this machine. Nothing is downloaded or unpickled.
+        """Load a network, one of `MODELS`, from a local folder, or without one from the hub's cache on this machine.
 
-        Args:
-            rig: The rig whose images it will see.
-            weights: The folder.
-            name: One of `MODELS`.
-            device: `cpu` or a CUDA GPU.
+        Nothing is downloaded or unpickled.
 
         Raises:
             UnknownNameError: If `name` is none of `MODELS`.
@@ -152,11 +148,7 @@ class MonocularEstimator:
         return found
 
     def estimate(self, image: NDArray[np.uint8]) -> DepthEstimate:
-        """Estimate z-depth in millimetres from an image (height, width), raw: see `stretched`.
-
-        Raises:
-            InvalidValueError: If the image is not what the rig's camera delivers.
-        """
+        """Estimate z-depth in millimetres from an image (height, width), raw: see `stretched`."""
         return self.stretched(self.relative_inverse_depth(image))
 
     def stretched(self, relative: NDArray[np.float64]) -> DepthEstimate:

@@ -41,11 +41,7 @@ class NetworkEstimator(ABC):
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def estimate(self, image: NDArray[np.uint8]) -> DepthEstimate:
-        """Estimate z-depth in millimetres and its validity from an image (height, width).
-
-        Raises:
-            InvalidValueError: If the image is not what the rig's camera delivers.
-        """
+        """Estimate z-depth in millimetres and its validity from an image (height, width); see `DepthEstimator`."""
         check_image(image, self._rig)
         with torch.inference_mode():
             output = self._network(torch.from_numpy(image.astype(np.float32))[None].to(self._device), *self._context)

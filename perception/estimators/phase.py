@@ -104,11 +104,7 @@ class PhaseEstimator:
         )
 
     def estimate(self, image: NDArray[np.uint8]) -> DepthEstimate:
-        """Estimate z-depth in millimetres and its validity from an image (height, width).
-
-        Raises:
-            InvalidValueError: If the image is not what the rig's camera delivers.
-        """
+        """Estimate z-depth in millimetres and its validity from an image (height, width); see `DepthEstimator`."""
         check_image(image, self.rig)
         config = self.config
         seen = self.demodulate(image)

@@ -35,11 +35,7 @@ BASELINES: Registry[Factory] = Registry(
 
 
 def check_estimator(name: str) -> None:
-    """Raise unless `make_estimator` knows the name, or it has the form `module:Class`; imports nothing.
-
-    Raises:
-        UnknownNameError: If it is neither.
-    """
+    """Raise an `UnknownNameError` unless `make_estimator` knows the name, or it is a `module:Class`; imports nothing."""
     if name not in BASELINES.names():
         ESTIMATORS.check(name)
 

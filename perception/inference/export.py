@@ -56,11 +56,7 @@ def export_onnx(network: DepthModule, path: Path, example: Tensor) -> None:
 
 
 def require_packages(*packages: str, extra: str = "onnx") -> None:
-    """Refuse to go on without some packages of an optional extra.
-
-    Raises:
-        MissingFileError: If one is not installed; the message names the extra.
-    """
+    """Raise a `MissingFileError`, which names the optional extra, unless its packages are installed."""
     for package in packages:
         if find_spec(package) is None:
             raise MissingFileError(

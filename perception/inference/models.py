@@ -15,11 +15,7 @@ from laploop.perception.weights import difference, load_weights, read_architectu
 
 
 def random_module(name: str, rig: Rig, size: str | None = None, *, seed: int = 0) -> DepthModule:
-    """Make a network with random weights; how fast it runs does not depend on them.
-
-    Raises:
-        UnknownNameError: If there is no such network or size.
-    """
+    """Make a network with random weights, by name and size; how fast it runs does not depend on them."""
     spec = NETWORKS.get(name)
     config = spec.sized(size).for_image(rig.camera.height, rig.camera.width)
     with torch.random.fork_rng(devices=[]):
@@ -43,11 +39,7 @@ def trained_module(name: str, rig: Rig, weights: Path | None = None) -> DepthMod
 
 
 def build_network(spec: NetworkSpec, rig: Rig, config: NetworkConfig) -> DepthNetwork:
-    """Make a network with random weights for the images of a rig.
-
-    Raises:
-        InvalidValueError: If it takes images of another size than the rig's.
-    """
+    """Make a network with random weights for the images of a rig; refuses images of another size than its own."""
     config.check_image("the rig", (rig.camera.height, rig.camera.width))
     kind: type[DepthNetwork] = spec.imported(spec.network)
     return kind.for_rig(rig, config)
@@ -69,12 +61,7 @@ def load_network(spec: NetworkSpec, rig: Rig, weights: Path | None = None) -> De
 
 
 def stored_config(spec: NetworkSpec, path: Path) -> NetworkConfig:
-    """Return the configuration in the header of a weights file.
-
-    Raises:
-        MissingFileError: If the file is not there.
-        WeightsError: If it is damaged, of another network, or not safetensors.
-    """
+    """Return the configuration in the header of a weights file; raises as `load_network` does."""
     described = read_architecture(path, spec.config.form)
     try:
         config = from_plain(spec.config, {name: value for name, value in described.items() if name != "format"})

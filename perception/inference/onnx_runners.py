@@ -21,11 +21,7 @@ class OnnxRuntimeRunner:
     device_ms = None
 
     def __init__(self, module: DepthModule, *, size: tuple[int, int], threads: int | None = None) -> None:
-        """Export the module for images of `size` (height, width) and load it.
-
-        Raises:
-            MissingFileError: If a package of the extra `onnx` is not installed.
-        """
+        """Export the module for images of `size` (height, width) and load it."""
         require_packages("onnxruntime")
         import onnxruntime  # slow to import, and not everybody has it
 
@@ -52,12 +48,7 @@ class OpenVinoRunner:
     def __init__(
         self, module: DepthModule, *, size: tuple[int, int], threads: int | None = None, precision: str = "fp32"
     ) -> None:
-        """Export the module for images of `size` (height, width) and compile it.
-
-        Raises:
-            InvalidValueError: If the precision is not one of those there are.
-            MissingFileError: If a package of the extra `openvino` is not installed.
-        """
+        """Export the module for images of `size` (height, width) and compile it."""
         hints = {"fp32": "f32", "bf16": "bf16"}
         if precision not in hints:
             raise InvalidValueError("precision", precision, ", ".join(hints))

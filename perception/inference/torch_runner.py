@@ -29,11 +29,7 @@ def has_fast_bf16(device: str = "cpu") -> bool:
 
 
 def check_device(device: str) -> None:
-    """Refuse a device that this machine does not have.
-
-    Raises:
-        InvalidValueError: If it is neither `cpu` nor a CUDA GPU that torch sees.
-    """
+    """Raise an `InvalidValueError` unless the device is `cpu` or a CUDA GPU that torch sees."""
     if not re.fullmatch(r"cpu|cuda(:\d{1,3})?", device):
         raise InvalidValueError("device", device, "cpu, cuda, or cuda:N")
     if device != "cpu" and not torch.cuda.is_available():
@@ -100,11 +96,6 @@ class CompiledRunner(TorchRunner):
     backend: ClassVar[str] = "compile"
 
     def __init__(self, module: DepthModule, *, device: str = "cpu", precision: str = "fp32") -> None:
-        """Prepare and compile a copy of the module.
-
-        Raises:
-            InvalidValueError: If device or precision is not one of those there are.
-        """
         super().__init__(module, device=device, precision=precision)
         self._module = torch.compile(self._module, fullgraph=False, dynamic=False)
 

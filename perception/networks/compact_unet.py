@@ -8,7 +8,6 @@ The network works in turns of phase, `b / (tau Z)`; nothing in the learned part 
 position of the stripes.
 """
 
-from dataclasses import dataclass
 from typing import Self
 
 import torch
@@ -20,7 +19,7 @@ from laploop.perception.carrier import StripeCarrier, gaussian_matrix
 from laploop.perception.geometry import Rig
 from laploop.perception.networks.additive_unet import AdditiveUNet
 from laploop.perception.networks.configs import CompactConfig
-from laploop.perception.networks.depth_network import DepthNetwork
+from laploop.perception.networks.depth_network import DepthNetwork, PhaseOutput
 
 _NEAREST_M = 0.057
 """Near end of the turn in which the network is given the classical phase; with the nominal rig it ends at 167 mm."""
@@ -30,17 +29,6 @@ _DEPTH_RANGE_M = (0.0145, 0.289)
 
 _OUTPUTS = 4
 """Maps at full size: correction, gate, free estimate, logarithm of the scale."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class CompactOutput:
-    """The network's output for a batch, each (B, height, width)."""
-
-    turns: Tensor
-    """Turns of phase, b / (tau Z)."""
-    depth_mm: Tensor
-    log_scale: Tensor
-    """Natural logarithm of the scale in millimetres of a Laplace distribution around `depth_mm`."""
 
 
 class StripeFrontEnd(nn.Module):
@@ -123,7 +111,7 @@ class CompactUNet(DepthNetwork):
             self.head.weight.mul_(0.1)
             self.head.bias = nn.Parameter(torch.tensor([0.0] * 4 + [2.0] * 4 + [0.0] * 8))
 
-    def forward(self, image: Tensor) -> CompactOutput:
+    def forward(self, image: Tensor) -> PhaseOutput:
         """Estimate from images (B, height, width), grey values 0-255 in float32."""
         with torch.no_grad(), torch.autocast(device_type=image.device.type, enabled=False):
             features, base = self.front(image)
@@ -133,7 +121,7 @@ class CompactUNet(DepthNetwork):
         trust = torch.sigmoid(gate)
         turns = trust * (base + correction) + (1.0 - trust) * (1.0 + free)
         turns = turns.clamp(min=self.turns_metre / _DEPTH_RANGE_M[1], max=self.turns_metre / _DEPTH_RANGE_M[0])
-        return CompactOutput(
+        return PhaseOutput(
             turns=turns,
             depth_mm=1e3 * self.turns_metre / turns,
             log_scale=log_scale.clamp(min=-4.0, max=4.0),

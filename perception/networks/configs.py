@@ -16,11 +16,6 @@ _LEVELS = 8
 
 
 def _check_levels(name: str, values: tuple[object, ...], *, least: int = 2) -> None:
-    """Raise unless a field has `least` to 8 values.
-
-    Raises:
-        InvalidValueError: If it has fewer or more.
-    """
     if not least <= len(values) <= _LEVELS:
         raise InvalidValueError(name, values, f"{least} to {_LEVELS} values")
 
@@ -42,11 +37,7 @@ class NetworkConfig:
         return self
 
     def check_image(self, whose: str, size: tuple[int, int]) -> None:
-        """Refuse images (height, width) of another size than the network's.
-
-        Raises:
-            InvalidValueError: If they are; the message says whose they are.
-        """
+        """Raise an `InvalidValueError` that says whose images (height, width) have another size than the network's."""
 
 
 @configuration
@@ -67,11 +58,7 @@ class SizedNetworkConfig(NetworkConfig):
             raise InvalidValueError(f"image (height, width) of {whose}", size, allowed)
 
     def check_multiple(self, step: int) -> None:
-        """Refuse an image that cannot be halved often enough.
-
-        Raises:
-            InvalidValueError: If height or width is no multiple of `step`.
-        """
+        """Raise an `InvalidValueError` unless height and width are multiples of `step`, to be halved often enough."""
         if self.height % step or self.width % step:
             raise InvalidValueError("image (height, width)", (self.height, self.width), f"multiples of {step}")
 

@@ -1,8 +1,9 @@
 """The contract of every depth network."""
 
+from dataclasses import dataclass
 from typing import Any, Self
 
-from torch import nn
+from torch import Tensor, nn
 
 from laploop.perception.geometry import Rig
 from laploop.perception.networks.configs import NetworkConfig
@@ -21,3 +22,14 @@ class DepthNetwork(nn.Module):
     def context(self, rig: Rig) -> Any:  # noqa: ARG002 - for networks that take the rig as an input
         """Return what the network is called with beside an image of this rig, a dataclass of tensors; None for nothing."""
         return None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PhaseOutput:
+    """Output for a batch of a network that reads the stripes' phase, each (B, height, width)."""
+
+    turns: Tensor
+    """Turns of phase, b / (tau Z)."""
+    depth_mm: Tensor
+    log_scale: Tensor
+    """Natural logarithm of the scale in millimetres of a Laplace distribution around `depth_mm`."""

@@ -5,28 +5,15 @@ reading and corrects it (`PhaseRefiner`). Depth follows by triangulation, `Z = b
 loss in millimetres trains all of it. The rig is an input: one network serves every regular stripe mask, baseline and lens.
 """
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 
 from laploop.perception.geometry import Rig
 from laploop.perception.networks.configs import SslePhaseConfig
-from laploop.perception.networks.depth_network import DepthNetwork
+from laploop.perception.networks.depth_network import DepthNetwork, PhaseOutput
 from laploop.perception.networks.ssle_phase_front import PhaseFeatures, PhaseFilters, PhaseFrontEnd, RigBatch
 from laploop.perception.networks.ssle_phase_reader import PhaseReader
 from laploop.perception.networks.ssle_phase_refiner import PhaseRefiner
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SslePhaseOutput:
-    """The network's output for a batch, each (B, height, width)."""
-
-    turns: Tensor
-    """Turns of phase, b / (tau Z)."""
-    depth_mm: Tensor
-    log_scale: Tensor
-    """Natural logarithm of the scale in millimetres of a Laplace distribution around `depth_mm`."""
 
 
 class SslePhase(DepthNetwork):
@@ -49,7 +36,7 @@ class SslePhase(DepthNetwork):
         with torch.no_grad():
             return self.front.prepare(rigs)
 
-    def forward(self, image: Tensor, rigs: RigBatch | PhaseFilters) -> SslePhaseOutput:
+    def forward(self, image: Tensor, rigs: RigBatch | PhaseFilters) -> PhaseOutput:
         """Estimate from images (B, height, width), grey values 0-255 in float32, each with its own rig."""
         filters = self.prepare(rigs) if isinstance(rigs, RigBatch) else rigs
         seen = self.see(image, filters)
@@ -62,20 +49,20 @@ class SslePhase(DepthNetwork):
             features: PhaseFeatures = self.front(image, filters)
         return features
 
-    def refine(self, seen: PhaseFeatures, turns: Tensor, log_scale: Tensor, filters: PhaseFilters) -> SslePhaseOutput:
+    def refine(self, seen: PhaseFeatures, turns: Tensor, log_scale: Tensor, filters: PhaseFilters) -> PhaseOutput:
         """Correct a reading, turns and the logarithm of their scale; no gradient goes into it."""
         better, its_log_scale = self.refiner(seen, turns, log_scale, self.front, filters)
         return triangulated(better, its_log_scale, filters.turns_metre)
 
 
-def triangulated(turns: Tensor, log_scale: Tensor, turns_metre: Tensor) -> SslePhaseOutput:
+def triangulated(turns: Tensor, log_scale: Tensor, turns_metre: Tensor) -> PhaseOutput:
     """Return depth and its scale in millimetres from turns of phase and theirs.
 
     A scale in turns becomes one in millimetres by the slope of the triangulation, |dZ / dturns| = Z^2 / (b / tau).
     """
     depth_m = triangulate(turns, turns_metre)
     slope = torch.log(1e3 * depth_m.detach().square() / turns_metre)
-    return SslePhaseOutput(turns=turns, depth_mm=1e3 * depth_m, log_scale=(log_scale + slope).clamp(min=-4.0, max=4.0))
+    return PhaseOutput(turns=turns, depth_mm=1e3 * depth_m, log_scale=(log_scale + slope).clamp(min=-4.0, max=4.0))
 
 
 def triangulate(turns: Tensor, turns_metre: Tensor) -> Tensor:

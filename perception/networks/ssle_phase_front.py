@@ -43,11 +43,7 @@ class RigBatch:
 
     @classmethod
     def from_rigs(cls, rigs: Sequence[Rig]) -> "RigBatch":
-        """Gather the numbers of rigs.
-
-        Raises:
-            InvalidValueError: If a mask is not one of regular stripes.
-        """
+        """Gather the numbers of rigs, each as `rig_numbers` returns them."""
         return cls(values=torch.tensor([rig_numbers(rig) for rig in rigs], dtype=torch.float64))
 
     def column(self, index: int) -> Tensor:

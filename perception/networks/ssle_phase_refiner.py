@@ -45,17 +45,9 @@ class PhaseRefiner(nn.Module):
     def forward(
         self, seen: PhaseFeatures, turns: Tensor, log_scale: Tensor, front: PhaseFrontEnd, filters: PhaseFilters
     ) -> tuple[Tensor, Tensor]:
-        """Correct a reading; no gradient goes into it.
+        """Correct turns of phase and the natural logarithm of their scale in turns, both (B, height, width).
 
-        Args:
-            seen: What the front end has read.
-            turns: Turns of phase of the reading, (B, height, width).
-            log_scale: Natural logarithm of their scale in turns, (B, height, width).
-            front: The front end.
-            filters: What depends on the rigs.
-
-        Returns:
-            The same two, corrected.
+        No gradient goes into them.
         """
         first, metre = turns.detach(), filters.turns_metre
         with torch.no_grad(), torch.autocast(device_type=first.device.type, enabled=False):

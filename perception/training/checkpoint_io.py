@@ -21,11 +21,7 @@ class SafetensorsCheckpointIO(CheckpointIO):
     """Writes checkpoints atomically, and reads them."""
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: str | Path, storage_options: Any | None = None) -> None:
-        """Write a checkpoint.
-
-        Raises:
-            OutputError: If the file cannot be written.
-        """
+        """Write a checkpoint; raises an `OutputError` if the file cannot be written."""
         del storage_options
         target = Path(path)
         tensors: dict[str, Tensor] = {}

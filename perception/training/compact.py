@@ -1,14 +1,14 @@
 """Training of the compact network, in one stage: likelihood and absolute error in millimetres."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
 from laploop.perception.geometry import Rig
-from laploop.perception.networks.compact_unet import CompactOutput, CompactUNet
+from laploop.perception.networks.compact_unet import CompactUNet
 from laploop.perception.networks.configs import CompactConfig
+from laploop.perception.networks.depth_network import PhaseOutput
 from laploop.perception.training.recipe import Batch, Loss, Prediction, seeded
 from laploop.perception.training.run import TrainingRun
 from laploop.perception.training.scale_recipe import ScaleRecipe
@@ -24,17 +24,12 @@ class CompactRecipe(ScaleRecipe):
     name = "compact"
 
     def __init__(self, rig: Rig, config: CompactConfig, training: CompactTraining) -> None:
-        self.schedule = training.schedule
+        self.config, self.schedule = config, training.schedule
         self.settings = {"l1_weight": training.l1_weight, "gain_range": training.gain_range}
         self.gain_range = training.gain_range
         self._l1_weight = training.l1_weight
         self.compact = seeded(lambda: CompactUNet(rig, config), training.seed)
         self.network = self.compact
-
-    @property
-    def architecture(self) -> Mapping[str, object]:
-        """The network's."""
-        return self.compact.config.architecture
 
     def loss(self, batch: Batch, progress: float) -> Loss:  # noqa: ARG002 - the weights do not change
         """Return `laplace_loss`."""
@@ -44,13 +39,13 @@ class CompactRecipe(ScaleRecipe):
         """Return the depth."""
         return self.prediction(self._run(batch))
 
-    def _run(self, batch: Batch) -> CompactOutput:
+    def _run(self, batch: Batch) -> PhaseOutput:
         with self.autocast(batch["image"].device):
-            output: CompactOutput = self.compact(batch["image"])
+            output: PhaseOutput = self.compact(batch["image"])
         return output
 
 
-def laplace_loss(output: CompactOutput, truth_mm: Tensor, l1_weight: float) -> Loss:
+def laplace_loss(output: PhaseOutput, truth_mm: Tensor, l1_weight: float) -> Loss:
     """Return the loss over the pixels with usable truth.
 
     It is the negative log-likelihood of a Laplace distribution, |error| / scale + ln(scale), plus the absolute error.

@@ -1,6 +1,5 @@
 """Training of the prior method, MaskNet times DepthNet."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import torch
@@ -25,20 +24,15 @@ class DualUNetRecipe(Recipe):
     name = "dual-unet"
 
     def __init__(self, config: DualUNetConfig, training: DualUNetTraining) -> None:
-        self.schedule, self.gain_range = training.schedule, training.gain_range
+        self.config, self.schedule, self.gain_range = config, training.schedule, training.gain_range
         self.settings = {name: value for name, value in to_plain(training).items() if name != "schedule"}
         self._training = training
         self.dual = seeded(lambda: DualUNet(config), training.schedule.seed)
         self.network = self.dual
 
-    @property
-    def architecture(self) -> Mapping[str, object]:
-        """The networks'."""
-        return self.dual.config.architecture
-
     def loss(self, batch: Batch, progress: float) -> Loss:  # noqa: ARG002 - the weights do not change
         """Return the sum of both networks' losses."""
-        truth, farthest = batch["depth_mm"], self.dual.config.farthest_mm
+        truth, farthest = batch["depth_mm"], self.config.farthest_mm
         mask = torch.isfinite(truth)
         with self.autocast(truth.device):
             output = self.dual(batch["image"])

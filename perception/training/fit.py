@@ -35,11 +35,7 @@ _HARMLESS = (
 
 
 def require_lightning() -> None:
-    """Say which extra is missing, before anything heavy is done.
-
-    Raises:
-        InvalidValueError: If Lightning is not installed.
-    """
+    """Raise an `InvalidValueError`, which names the missing extra, before anything heavy is done."""
     if find_spec("lightning") is None:
         raise InvalidValueError("lightning", "not installed", "installed by the extra: pip install 'laploop[train]'")
 
@@ -109,11 +105,7 @@ def fit(
 
 
 def check_fresh(checkpoint: Path, *, resume: bool) -> None:
-    """Refuse to overwrite a training.
-
-    Raises:
-        OutputError: If there is a checkpoint and `resume` is off.
-    """
+    """Raise an `OutputError` if there is a checkpoint that would be overwritten, and `resume` is off."""
     if checkpoint.exists() and not resume:
         raise OutputError(f"{checkpoint} exists; go on from it with --resume, or choose another folder")
 

@@ -34,14 +34,7 @@ class Muon(torch.optim.AdamW):
         betas: tuple[float, float] = (0.9, 0.999),
         weight_decay: float = 0.0,
     ) -> None:
-        """Take over parameters.
-
-        Args:
-            kernels: With two dimensions or more, outputs first.
-            others: Any.
-            lr: Learning rate of both.
-            betas: Of AdamW.
-            weight_decay: Decoupled, of both.
+        """Take over kernels, outputs first, and other parameters; rate and decoupled decay are those of both, `betas` AdamW's.
 
         Raises:
             InvalidValueError: If a kernel has fewer than two dimensions.

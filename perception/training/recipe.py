@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from laploop.perception.data.datasets import DepthDataset
+from laploop.perception.networks.configs import NetworkConfig
 from laploop.perception.training.settings import Schedule
 
 Network = TypeVar("Network", bound=nn.Module)
@@ -55,6 +56,8 @@ class Recipe(ABC):
     """The weights become `<name>.safetensors`."""
     error_unit: str = "mm"
     """Unit of what `predict` returns, for the progress bar."""
+    config: NetworkConfig
+    """Of the whole network, of which `network` may be a part."""
     network: nn.Module
     """All that is saved; parameters that do not require gradients stay as they are."""
     schedule: Schedule
@@ -67,9 +70,9 @@ class Recipe(ABC):
     called once for each and what it returns is kept in memory."""
 
     @property
-    @abstractmethod
     def architecture(self) -> Mapping[str, object]:
         """What decides whether weights fit, as plain data with a `format`."""
+        return self.config.architecture
 
     @abstractmethod
     def loss(self, batch: Batch, progress: float) -> Loss:

@@ -84,12 +84,7 @@ class TrainingRun:
 
 
 def train_network(spec: NetworkSpec, run: TrainingRun, settings: dict[str, Any]) -> Path:
-    """Train a network and return the path of its weights.
-
-    Args:
-        spec: The network.
-        run: Data, folder and machine.
-        settings: `config`, `training` and what else the network's training takes.
+    """Train a network with the `settings` that its options chose, and return the path of the weights.
 
     Raises:
         InvalidValueError: If the data set does not fit the network, or Lightning is not installed.

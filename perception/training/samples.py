@@ -81,11 +81,7 @@ class Samples:
 
 
 def check_against(dataset: DepthDataset, against: str) -> None:
-    """Refuse a truth that the data set does not have.
-
-    Raises:
-        InvalidValueError: If it does not.
-    """
+    """Raise an `InvalidValueError` for a truth that the data set does not have."""
     allowed = AGAINST if isinstance(dataset, ReferencedDataset) else AGAINST[:1]
     if against not in allowed:
         note = "" if len(allowed) > 1 else "; only pairs made by `laploop collect` have a reference camera"

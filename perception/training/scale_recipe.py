@@ -1,27 +1,13 @@
 """Common part of the trainings of networks that predict the scale of their own error."""
 
 import math
-from typing import Protocol
 
 import numpy as np
 import torch
 from torch import Tensor
 
+from laploop.perception.networks.depth_network import PhaseOutput
 from laploop.perception.training.recipe import Batch, Prediction, Recipe, Sample, flip_and_gain
-
-
-class ScaledOutput(Protocol):
-    """Output of such a network for a batch, each (B, height, width)."""
-
-    @property
-    def depth_mm(self) -> Tensor:
-        """Z-depth."""
-        ...
-
-    @property
-    def log_scale(self) -> Tensor:
-        """Natural logarithm of the scale in millimetres of a Laplace distribution around it."""
-        ...
 
 
 class ScaleRecipe(Recipe):
@@ -39,6 +25,6 @@ class ScaleRecipe(Recipe):
         truth = batch["depth_mm"]
         return torch.where((truth >= 60.0) & (truth <= 140.0), truth, torch.nan)
 
-    def prediction(self, output: ScaledOutput) -> Prediction:
+    def prediction(self, output: PhaseOutput) -> Prediction:
         """Return the depth, valid where the network expects to be near enough."""
         return Prediction(depth_mm=output.depth_mm, valid=output.log_scale <= math.log(self.max_scale_mm))

@@ -31,14 +31,14 @@ class VqRecipe(Recipe):
         self.error_unit = "grey" if domain == "image" else "mm"
         self.schedule, self.gain_range = training.vq, training.gain_range
         self.settings = _settings(training)
-        self._domain, self._config, self._training = domain, config, training
+        self._domain, self.config, self._training = domain, config, training
         self.vq_vae = seeded(lambda: VqVae(config.image if domain == "image" else config.depth), training.vq.seed)
         self.network = self.vq_vae
 
     @property
     def architecture(self) -> Mapping[str, object]:
         """The whole network's, and which part this is."""
-        return {**self._config.architecture, "format": f"{self._config.form}-{self.name}"}
+        return {**self.config.architecture, "format": f"{self.config.form}-{self.name}"}
 
     def loss(self, batch: Batch, progress: float) -> Loss:  # noqa: ARG002 - the weights do not change
         """Return L1 of the reconstruction, over pixels with a depth in the depth domain, plus the quantiser's loss."""
@@ -63,7 +63,7 @@ class VqRecipe(Recipe):
 
     @property
     def _farthest(self) -> float:
-        return 255.0 if self._domain == "image" else self._config.farthest_mm
+        return 255.0 if self._domain == "image" else self.config.farthest_mm
 
     def unit(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Return the domain's values (B, 1, H, W) in -1 to 1, and where they are known."""
@@ -71,7 +71,7 @@ class VqRecipe(Recipe):
             unit = image_to_unit(batch["image"])
             return unit, torch.ones_like(unit, dtype=torch.bool)
         known = torch.isfinite(batch["depth_mm"])[:, None]
-        return depth_to_unit(batch["depth_mm"], self._config.farthest_mm), known
+        return depth_to_unit(batch["depth_mm"], self.config.farthest_mm), known
 
 
 class UNetRecipe(Recipe):
@@ -83,7 +83,7 @@ class UNetRecipe(Recipe):
         self, config: SsleConfig, training: SsleTraining, image: VqVae, depth: VqVae, statistics: tuple[Tensor, Tensor]
     ) -> None:
         """Put the network together from trained VQ-VAEs, and mean and deviation of the depth's quantised latents."""
-        self.schedule, self.gain_range = training.unet, training.gain_range
+        self.config, self.schedule, self.gain_range = config, training.unet, training.gain_range
         self.settings = _settings(training)
         self.variants = training.variants
         self._training = training
@@ -96,14 +96,9 @@ class UNetRecipe(Recipe):
             part.requires_grad_(requires_grad=False)
         self.ssle.decoder.requires_grad_(requires_grad=training.tune_decoder)
 
-    @property
-    def architecture(self) -> Mapping[str, object]:
-        """The network's."""
-        return self.ssle.config.architecture
-
     def loss(self, batch: Batch, progress: float) -> Loss:
         """Return the paper's total loss."""
-        weights, farthest = self._training.loss, self.ssle.config.farthest_mm
+        weights, farthest = self._training.loss, self.config.farthest_mm
         truth = batch["depth_mm"]
         # Codebooks that are done must not count or move.
         self.ssle.quantizer.eval()
@@ -136,7 +131,7 @@ class UNetRecipe(Recipe):
         target = self._target.to(device)
         with torch.no_grad():
             codes = self.ssle.quantizer.lookup(self.ssle.encoder(image_to_unit(image)))
-            unit = depth_to_unit(depth_mm, self.ssle.config.farthest_mm)
+            unit = depth_to_unit(depth_mm, self.config.farthest_mm)
             target_codes = target.quantizer.lookup(target.encoder(unit))
         return {"codes": codes[0].int().cpu().numpy(), "target_codes": target_codes[0].int().cpu().numpy()}
 
@@ -150,7 +145,7 @@ class UNetRecipe(Recipe):
         target = self._target.to(batch["depth_mm"].device)
         if "target_codes" in batch:
             return target.quantizer.decode(batch["target_codes"])
-        values: Tensor = target.quantizer(target.encoder(depth_to_unit(batch["depth_mm"], self.ssle.config.farthest_mm))).values
+        values: Tensor = target.quantizer(target.encoder(depth_to_unit(batch["depth_mm"], self.config.farthest_mm))).values
         return values
 
 

@@ -14,7 +14,8 @@ from torch import Tensor, nn
 from laploop.configuration import to_plain
 from laploop.perception.data.datasets import DepthDataset
 from laploop.perception.networks.configs import SslePhaseConfig
-from laploop.perception.networks.ssle_phase import SslePhase, SslePhaseOutput, triangulate, triangulated
+from laploop.perception.networks.depth_network import PhaseOutput
+from laploop.perception.networks.ssle_phase import SslePhase, triangulate, triangulated
 from laploop.perception.networks.ssle_phase_front import PhaseFilters, RigBatch, rig_numbers
 from laploop.perception.networks.ssle_phase_reader import PhaseReading
 from laploop.perception.training.recipe import Batch, Loss, Prediction, Sample, seeded
@@ -35,8 +36,7 @@ class _PhaseRecipe(ScaleRecipe):
 
     def __init__(self, phase: SslePhase, training: SslePhaseTraining, first_stage: str) -> None:
         """Train a part of a network whose first stage comes from `first_stage`, in words."""
-        self.phase = phase
-        self.training = training
+        self.phase, self.config, self.training = phase, phase.config, training
         self.gain_range, self.max_scale_mm = training.gain_range, training.max_scale_mm
         plain = to_plain(training)
         # Those of the last stage may be changed on resume.
@@ -61,7 +61,7 @@ class ReaderRecipe(_PhaseRecipe):
     @property
     def architecture(self) -> Mapping[str, object]:
         """The whole network's, and which part this is."""
-        return {**self.phase.config.architecture, "format": f"{self.phase.config.form}-{self.name}"}
+        return {**self.config.architecture, "format": f"{self.config.form}-{self.name}"}
 
     def adam_layers(self) -> Iterable[nn.Module]:
         """Return the output layers."""
@@ -102,11 +102,6 @@ class SslePhaseRecipe(_PhaseRecipe):
             if isinstance(module, nn.BatchNorm2d):
                 module.momentum = training.norm_momentum
 
-    @property
-    def architecture(self) -> Mapping[str, object]:
-        """The network's."""
-        return self.phase.config.architecture
-
     def adam_layers(self) -> Iterable[nn.Module]:
         """Return the output layer."""
         return (self.phase.refiner.head,)
@@ -137,7 +132,7 @@ class SslePhaseRecipe(_PhaseRecipe):
             reading: PhaseReading = self.phase.reader(self.phase.see(image, filters), self.phase.front, filters)
         return reading
 
-    def _run(self, batch: Batch) -> SslePhaseOutput:
+    def _run(self, batch: Batch) -> PhaseOutput:
         image = batch["image"]
         filters = self.phase.prepare(rigs_of(batch))
         if "turns" in batch:
@@ -154,7 +149,7 @@ def rigs_of(batch: Batch) -> RigBatch:
     return RigBatch(values=batch["rig"].to(torch.float64))
 
 
-def ssle_phase_loss(output: SslePhaseOutput, truth_mm: Tensor, training: SslePhaseTraining) -> Loss:
+def ssle_phase_loss(output: PhaseOutput, truth_mm: Tensor, training: SslePhaseTraining) -> Loss:
     """Return the loss over the pixels with truth.
 
     The negative log-likelihood of a Laplace distribution, |error| / scale + ln(scale), plus the absolute error where the
@@ -204,12 +199,8 @@ def train_ssle_phase(
 ) -> Path:
     """Train both stages and return the path of the weights; the reader has the folder `reader`.
 
-    Args:
-        run: Data, folder and machine.
-        config: Sizes of the network.
-        training: Schedules and losses.
-        reader: Weights of a trained reader, which is then not trained again.
-        start: Weights of a whole network to go on from, instead: its reader stays as it is, its refiner learns on.
+    With the weights of a trained `reader`, it is not trained again. With those of a whole network to `start` from, its reader
+    stays as it is and its refiner learns on.
 
     Raises:
         MissingFileError: If there are no weights at a given path.

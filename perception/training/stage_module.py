@@ -145,7 +145,14 @@ class EpochWriter(pl.Callback):
     def __init__(self, recipe: Recipe, out: Path, *, progress: bool) -> None:
         self._recipe, self._out = recipe, out
         self._began = time.perf_counter()
-        self._bar = _progress_bar(visible=progress)
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TaskProgressColumn(),
+            TimeElapsedColumn(),
+            TimeRemainingColumn(),
+        )
+        self._bar = Progress(*columns, console=Console(stderr=True), disable=not progress)
         self._task = self._bar.add_task(recipe.name, total=None)
 
     def on_train_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:  # noqa: ARG002 - Lightning's
@@ -196,14 +203,3 @@ class EpochWriter(pl.Callback):
 
     def _done(self, trainer: pl.Trainer, batches: int) -> int:
         return trainer.current_epoch * int(trainer.num_training_batches) + batches
-
-
-def _progress_bar(*, visible: bool) -> Progress:
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    return Progress(*columns, console=Console(stderr=True), disable=not visible)

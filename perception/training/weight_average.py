@@ -13,17 +13,11 @@ from laploop.perception.weights import load_weights, save_weights
 
 
 def average_weights(spec: NetworkSpec, files: Sequence[Path], out: Path, *, shares: Sequence[float] = ()) -> None:
-    """Write the average of weights of a network to `out`; its notes name the shares.
+    """Write the average of weights of one network to `out`, by shares in any unit, equal by default; its notes name them.
 
     Weights along the way of a training that goes on from trained weights lie in one valley of the loss, and their middle often
     does better on what is rare than any of them (Izmailov et al., Averaging weights leads to wider optima, UAI 2018). Running
     statistics are averaged too; what is no floating point number is taken from the last file.
-
-    Args:
-        spec: The network.
-        files: Weights of one architecture.
-        out: File to write.
-        shares: Of the files, in any unit; equal by default.
 
     Raises:
         InvalidValueError: If there is no file, a share is not above 0, or there is not one for each file.

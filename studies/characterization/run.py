@@ -93,11 +93,7 @@ def characterise(config: CharacterizationConfig, progress: Callable[[float], Non
     """Image the target at every distance and measure the stripes on its blank part.
 
     The exposure is set once, to 0.9 of full scale in the region at the nearest distance, and kept: how the intensity falls with
-    distance is part of the result.
-
-    Args:
-        config: What to measure.
-        progress: Called with the number of distances done.
+    distance is part of the result. `progress` is called with the number of distances done.
     """
     rig, target = Rig.from_optics(config.optics), DepthOfFieldTarget()
     distances = config.measured_mm

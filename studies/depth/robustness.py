@@ -184,11 +184,7 @@ def _ratio(errors: DepthMetrics, usual: float, model: str) -> float:
 
 
 def write_robustness(rows: Sequence[RobustnessRow], out: Path) -> None:
-    """Write `robustness.csv` and `robustness.md` into the folder `out`.
-
-    Raises:
-        OutputError: If the folder cannot be written.
-    """
+    """Write `robustness.csv` and `robustness.md` into the folder `out`; raises as `write_texts` does."""
     flat = [row.flat() for row in rows]
     text = csv_text(flat[0], (row.values() for row in flat))
     write_texts(out, {"robustness.csv": text, "robustness.md": robustness_markdown(rows)})

@@ -16,14 +16,10 @@ _TOUCH = 1e-9
 
 
 def fill_smoothly(depth_mm: NDArray[np.floating], known: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Continue a depth map into its unknown pixels.
+    """Continue a depth map (H, W), of which some pixels are known, into the others.
 
     Minimises the sum of the squared Laplacians over the image, with the known pixels as they are: a thin plate, whose borders
     are free along the normal.
-
-    Args:
-        depth_mm: (H, W); anything where it is not known.
-        known: (H, W).
 
     Raises:
         InvalidValueError: If the shapes differ, no pixel is known, or a known one is not finite.

@@ -150,11 +150,7 @@ class DepthTable:
 
 
 def write_table(table: DepthTable, out: Path) -> None:
-    """Write `depth.json`, `depth.csv` and `depth.md` into the folder `out`, each atomically.
-
-    Raises:
-        OutputError: If the folder cannot be written.
-    """
+    """Write `depth.json`, `depth.csv` and `depth.md` into the folder `out`; raises as `write_texts` does."""
     rows = table.flat_rows()
     plain = {
         "dataset": table.dataset,

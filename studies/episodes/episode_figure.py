@@ -26,13 +26,9 @@ _NOTHING = "#d9d9d9"
 def draw_episode(log: EpisodeLog, summary: Mapping[str, Any], path: Path | str) -> None:
     """Draw an episode as a PNG.
 
-    Rows show the first, a middle and the last depth frame; depth and truth share one scale; grey pixels have no value. Below
-    are the target error, the contact force and the trocar errors over time.
-
-    Args:
-        log: The episode; without a depth frame there are no images.
-        summary: `task`, `perception`, `motion`, `seed`, `terminated_by` and, where known, `success` and `target_error_mm`.
-        path: Where to write.
+    Rows show the first, a middle and the last depth frame, if there are any; depth and truth share one scale; grey pixels have
+    no value. Below are the target error, the contact force and the trocar errors over time. `summary` has `task`, `perception`,
+    `motion`, `seed`, `terminated_by` and, where known, `success` and `target_error_mm`.
     """
     records = log.key_depths()
     height_in = 2.55 * max(len(records), 1) + 4.2

@@ -49,9 +49,7 @@ def tasks_table(summary: Mapping[str, Any]) -> str:
 def residual_table(summary: Mapping[str, Any], calibrated: Mapping[str, Any]) -> str:
     """Return what an error put into the calibration does to the errors against the reference camera.
 
-    Args:
-        summary: Of `laploop evaluate` with a residual.
-        calibrated: Of the same without.
+    `calibrated` is the summary of the same evaluation without the error.
     """
     config = summary["config"]["evaluation"]
     before, after, exact = (

@@ -65,13 +65,9 @@ def place_large_tool(
 
 
 def ill_exposure(electrons: NDArray[np.float32], optics: StripeOptics, fraction: float, *, saturated: bool) -> StripeOptics:
-    """Return the optics with the LED power that saturates a fraction of the pixels, or leaves it dark.
+    """Return the optics with the LED power that saturates a fraction (0 to 1) of the pixels, or leaves it dark.
 
-    Args:
-        electrons: Expected electrons of every pixel with `optics`, proportional to the power.
-        optics: The optics to change.
-        fraction: From 0 to 1.
-        saturated: Saturate the pixels instead of leaving them dark.
+    `electrons` are those expected of every pixel with `optics`, proportional to the power.
     """
     grey = 255.0 * electrons / optics.full_well_electrons
     if saturated:

@@ -52,12 +52,7 @@ class BenchScene(TrainingScene):
     ) -> None:
         """Grow one tissue from `rng`, put it on the stage at home, and let it come to rest.
 
-        Args:
-            config: The tissue.
-            rng: Source of its shape.
-            world_from_scope: Pose of the scope's camera channel, 4x4.
-            scope: Its optics.
-            home: Returns the stage's pose, 4x4, for a mean height of the tissue above it, metres.
+        `home` returns the stage's pose, 4x4, for a mean height of the tissue above it, metres.
 
         Raises:
             SimulationError: If it does not come to rest, or the physics becomes invalid.
@@ -118,11 +113,7 @@ class BenchScene(TrainingScene):
         )
 
     def _step(self) -> None:
-        """Make a step.
-
-        Raises:
-            SimulationError: If MuJoCo fails or counts a warning, after which it silently resets.
-        """
+        """Make a step; a warning counts as a failure, since MuJoCo silently resets after it."""
         try:
             mujoco.mj_step(self.model, self.data)
         except mujoco.FatalError as error:

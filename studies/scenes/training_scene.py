@@ -32,10 +32,7 @@ class TrainingScene:
     def __init__(self, config: TissueConfig, rng: np.random.Generator, *, furnish: Callable[[Any], None] | None = None) -> None:
         """Grow one tissue from `rng` and compile it with stage and instrument.
 
-        Args:
-            config: The tissue.
-            rng: Source of its shape.
-            furnish: Adds further objects to the `mujoco.MjSpec` before it is compiled.
+        `furnish` adds further objects to the `mujoco.MjSpec` before it is compiled.
         """
         height = height_field(config.shape, rng)
         mesh = solid_mesh(config.shape, height)

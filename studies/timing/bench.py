@@ -78,11 +78,7 @@ class _Touch:
 
 
 def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = None) -> BenchResult:
-    """Measure every stage alone, then the whole loop.
-
-    Args:
-        config: What to measure.
-        progress: Called with the fraction done, 0 to 1.
+    """Measure every stage alone, then the whole loop; `progress` is called with the fraction done, 0 to 1.
 
     Raises:
         SimulationError: If no episode brings the tip onto the tissue.

@@ -66,11 +66,7 @@ class SpeedResult:
 
 
 def measure_speed(config: SpeedConfig, progress: Callable[[float], None] | None = None) -> SpeedResult:
-    """Time a model frame by frame.
-
-    Args:
-        config: What to time.
-        progress: Called with the number of frames timed so far, between two frames, outside the clock.
+    """Time a model frame by frame; `progress` is called with the number of frames timed, outside the clock.
 
     Raises:
         InvalidValueError: If device, backend and precision do not go together.

@@ -9,8 +9,8 @@ from laploop.assets.stripe_mask import StripeMask
 from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.estimators import make_estimator
 from laploop.perception.network_specs import NETWORKS
-from laploop.perception.networks.compact_unet import CompactOutput
 from laploop.perception.networks.configs import CompactConfig
+from laploop.perception.networks.depth_network import PhaseOutput
 from laploop.perception.training.compact import CompactRecipe, laplace_loss
 from laploop.perception.training.run import TrainingRun, train_network
 from laploop.perception.training.samples import Samples, stack
@@ -45,7 +45,7 @@ def test_loss_is_the_laplace_likelihood_plus_the_weighted_error():
     depth = torch.tensor([[[100.0, 90.0]]])
     log_scale = torch.tensor([[[0.0, 1.0]]])
     truth = torch.tensor([[[103.0, 85.0]]])
-    loss = laplace_loss(CompactOutput(turns=depth, depth_mm=depth, log_scale=log_scale), truth, 0.5)
+    loss = laplace_loss(PhaseOutput(turns=depth, depth_mm=depth, log_scale=log_scale), truth, 0.5)
     assert float(loss.parts["mae_mm"]) == pytest.approx(4.0)
     by_hand = 0.5 * ((3.0 / 1.0 + 0.0 + 1.5) + (5.0 / math.e + 1.0 + 2.5))
     assert float(loss.total) == pytest.approx(by_hand, rel=1e-6)
@@ -54,7 +54,7 @@ def test_loss_is_the_laplace_likelihood_plus_the_weighted_error():
 def test_pixels_without_truth_have_no_influence():
     depth = torch.full((1, 2, 2), 100.0, requires_grad=True)
     truth = torch.tensor([[[101.0, float("nan")], [5.0, 900.0]]])
-    loss = laplace_loss(CompactOutput(turns=depth, depth_mm=depth, log_scale=torch.zeros(1, 2, 2)), truth, 0.0)
+    loss = laplace_loss(PhaseOutput(turns=depth, depth_mm=depth, log_scale=torch.zeros(1, 2, 2)), truth, 0.0)
     loss.total.backward()
     assert float(loss.parts["mae_mm"].detach()) == pytest.approx(1.0)
     assert torch.count_nonzero(depth.grad) == 1

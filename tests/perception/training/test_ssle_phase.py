@@ -13,7 +13,7 @@ from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.geometry import Rig
 from laploop.perception.network_specs import NETWORKS
 from laploop.perception.networks.configs import SslePhaseConfig
-from laploop.perception.networks.ssle_phase import SslePhaseOutput
+from laploop.perception.networks.depth_network import PhaseOutput
 from laploop.perception.networks.ssle_phase_front import rig_numbers
 from laploop.perception.networks.ssle_phase_reader import PhaseReading
 from laploop.perception.training.options import SslePhaseOptions
@@ -64,7 +64,7 @@ def _train(dataset, out, *, resume=False, limit=4, config=NETWORK, **settings):
 
 
 def _output(depth, log_scale):
-    return SslePhaseOutput(turns=depth, depth_mm=depth, log_scale=log_scale)
+    return PhaseOutput(turns=depth, depth_mm=depth, log_scale=log_scale)
 
 
 def test_loss_is_likelihood_and_absolute_error():
