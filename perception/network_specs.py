@@ -17,20 +17,8 @@ from laploop.perception.networks.configs import (
     SslePhaseConfig,
     VqVaeConfig,
 )
-from laploop.perception.training.options import (
-    CompactOptions,
-    DualUNetOptions,
-    SsleOptions,
-    SslePhaseOptions,
-    TrainingOptions,
-)
-from laploop.perception.training.settings import (
-    DualUNetTraining,
-    Schedule,
-    SsleLoss,
-    SslePhaseTraining,
-    SsleTraining,
-)
+from laploop.perception.training.options import CompactOptions, DualUNetOptions, SsleOptions, SslePhaseOptions, TrainingOptions
+from laploop.perception.training.settings import DualUNetTraining, Schedule, SsleLoss, SslePhaseTraining, SsleTraining
 from laploop.registry import Registry
 
 

@@ -139,11 +139,6 @@ def _steepest_step(values: NDArray[np.float64]) -> NDArray[np.float64]:
     steepest = np.zeros_like(values)
     across = np.abs(np.diff(values, axis=1))
     along = np.abs(np.diff(values, axis=0))
-    for part, step in (
-        (steepest[:, 1:], across),
-        (steepest[:, :-1], across),
-        (steepest[1:], along),
-        (steepest[:-1], along),
-    ):
+    for part, step in ((steepest[:, 1:], across), (steepest[:, :-1], across), (steepest[1:], along), (steepest[:-1], along)):
         np.maximum(part, step, out=part)
     return steepest

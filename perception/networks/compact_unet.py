@@ -121,8 +121,4 @@ class CompactUNet(DepthNetwork):
         trust = torch.sigmoid(gate)
         turns = trust * (base + correction) + (1.0 - trust) * (1.0 + free)
         turns = turns.clamp(min=self.turns_metre / _DEPTH_RANGE_M[1], max=self.turns_metre / _DEPTH_RANGE_M[0])
-        return PhaseOutput(
-            turns=turns,
-            depth_mm=1e3 * self.turns_metre / turns,
-            log_scale=log_scale.clamp(min=-4.0, max=4.0),
-        )
+        return PhaseOutput(turns=turns, depth_mm=1e3 * self.turns_metre / turns, log_scale=log_scale.clamp(min=-4.0, max=4.0))

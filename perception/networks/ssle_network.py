@@ -19,13 +19,7 @@ from laploop.perception.networks.configs import SsleConfig
 from laploop.perception.networks.depth_network import DepthNetwork
 from laploop.perception.networks.latent_unet import LatentUNet
 from laploop.perception.networks.vector_quantizer import VectorQuantizer
-from laploop.perception.networks.vq_vae import (
-    Decoder,
-    Encoder,
-    VqVae,
-    image_to_unit,
-    unit_to_depth,
-)
+from laploop.perception.networks.vq_vae import Decoder, Encoder, VqVae, image_to_unit, unit_to_depth
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -24,7 +24,8 @@ class DualUNetRecipe(Recipe):
     name = "dual-unet"
 
     def __init__(self, config: DualUNetConfig, training: DualUNetTraining) -> None:
-        self.config, self.schedule, self.gain_range = config, training.schedule, training.gain_range
+        self.config: DualUNetConfig = config
+        self.schedule, self.gain_range = training.schedule, training.gain_range
         self.settings = {name: value for name, value in to_plain(training).items() if name != "schedule"}
         self._training = training
         self.dual = seeded(lambda: DualUNet(config), training.schedule.seed)

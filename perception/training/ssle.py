@@ -31,7 +31,8 @@ class VqRecipe(Recipe):
         self.error_unit = "grey" if domain == "image" else "mm"
         self.schedule, self.gain_range = training.vq, training.gain_range
         self.settings = _settings(training)
-        self._domain, self.config, self._training = domain, config, training
+        self.config: SsleConfig = config
+        self._domain, self._training = domain, training
         self.vq_vae = seeded(lambda: VqVae(config.image if domain == "image" else config.depth), training.vq.seed)
         self.network = self.vq_vae
 
@@ -83,7 +84,8 @@ class UNetRecipe(Recipe):
         self, config: SsleConfig, training: SsleTraining, image: VqVae, depth: VqVae, statistics: tuple[Tensor, Tensor]
     ) -> None:
         """Put the network together from trained VQ-VAEs, and mean and deviation of the depth's quantised latents."""
-        self.config, self.schedule, self.gain_range = config, training.unet, training.gain_range
+        self.config: SsleConfig = config
+        self.schedule, self.gain_range = training.unet, training.gain_range
         self.settings = _settings(training)
         self.variants = training.variants
         self._training = training

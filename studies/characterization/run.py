@@ -140,10 +140,7 @@ def region_of_interest(camera: Intrinsics, target: DepthOfFieldTarget, distance_
     u = camera.fx * along * math.cos(target.tilt_rad) / (distance_mm + along * math.sin(target.tilt_rad)) + camera.cx
     half = camera.fy * _ROI_HALF_HEIGHT_MM / distance_mm
     roi = RegionOfInterest(
-        left=math.ceil(u[0]),
-        right=math.floor(u[1]),
-        top=math.ceil(camera.cy - half),
-        bottom=math.floor(camera.cy + half),
+        left=math.ceil(u[0]), right=math.floor(u[1]), top=math.ceil(camera.cy - half), bottom=math.floor(camera.cy + half)
     )
     if roi.left < 0 or roi.right > camera.width:
         raise InvalidValueError("distance_mm", distance_mm, "far enough for the target's scale to be in view")
@@ -216,10 +213,7 @@ def as_markdown(found: Characterization) -> str:
 def _scene(target: DepthOfFieldTarget) -> SceneGeometry:
     surface = target.surface()
     return SceneGeometry(
-        points=surface.points,
-        triangles=surface.triangles,
-        object_ids=ObjectId.OTHER,
-        albedo_factor=surface.albedo_factor,
+        points=surface.points, triangles=surface.triangles, object_ids=ObjectId.OTHER, albedo_factor=surface.albedo_factor
     )
 
 

@@ -152,11 +152,7 @@ def measure_robustness(
 
 
 def _row(
-    model: str,
-    condition: str,
-    sums: NDArray[np.float64],
-    nominal: NDArray[np.float64],
-    config: RobustnessConfig,
+    model: str, condition: str, sums: NDArray[np.float64], nominal: NDArray[np.float64], config: RobustnessConfig
 ) -> RobustnessRow:
     every, valid, claimed, lit, same, before = (DepthErrors(sums=part.sum(axis=0)).metrics() for part in sums)
     usual = [DepthErrors(sums=part.sum(axis=0)).metrics().mae_mm for part in nominal]

@@ -35,11 +35,8 @@ class Check(Criterion):
     def result(self, rows: Sequence[Row], others: Mapping[str, Sequence[Row]]) -> dict[str, Any]:
         """Return the number, whether it meets its bound, and its spread over the episodes.
 
-        An episode without a value, because it ended before there was anything to measure, does not meet a bound.
-
-        Args:
-            rows: Of the campaign.
-            others: The rows of all campaigns that were run.
+        An episode without a value, because it ended before there was anything to measure, does not meet a bound. `others` has
+        the rows of all campaigns.
         """
         values = [value for row in rows if (value := column_value(row, self.column)) is not None]
         value = _statistic(values, self.statistic)

@@ -12,7 +12,7 @@ from typing import Any
 
 from laploop.errors import InvalidValueError, MissingFileError, OutputError
 from laploop.perception.network_specs import SHIPPED
-from laploop.studies.readme.results_tables import residual_table, robustness_table, speed_table, tasks_table
+from laploop.studies.readme.results_tables import overall, residual_table, robustness_table, shown, speed_table, tasks_table
 
 BEGIN = "<!-- results: begin -->"
 END = "<!-- results: end -->"
@@ -73,8 +73,8 @@ def summary_markdown(folder: Path) -> str:
     reach = _read(folder / "trials-compact-breathing.json")
     track = next(row for row in _read(folder / "tasks.json")["campaigns"] if row["campaign"] == "track-compact")
     rms = next(check["value"] for check in track["checks"] if check["name"] == "RMS error along the normal")
-    depth = {row["model"]: row["mae_mm"] for row in _overall(_read(folder / "robustness.json"), "exact")}
-    pairs = {row["model"]: row["mae_mm"] for row in _overall(_read(folder / "depth-pairs.json"), "zivid")}
+    depth = {model: row["mae_mm"] for model, row in overall(_read(folder / "robustness.json"), "exact").items()}
+    pairs = {model: row["mae_mm"] for model, row in overall(_read(folder / "depth-pairs.json"), "zivid").items()}
     speed, bench = _read(folder / "speed-compact.json"), _read(folder / "bench.json")
     rows = {
         "Touch a point on breathing tissue": f"{100 * reach['success_rate']:.0f} % of {reach['episodes']} episodes, "
@@ -147,9 +147,9 @@ def _depth_table(summary: Mapping[str, Any]) -> str:
         "|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {_name(row['model'])} | {100 * row['valid_share']:.1f} % | {row['valid_mae_mm']:.2f} mm | "
+        f"| {shown(model)} | {100 * row['valid_share']:.1f} % | {row['valid_mae_mm']:.2f} mm | "
         f"{row['valid_abs_rel']:.4f} | {100 * row['valid_acc_1_1']:.2f} % | {row['mae_mm']:.2f} mm |"
-        for row in _overall(summary, "exact")
+        for model, row in overall(summary, "exact").items()
     ]
     return "\n".join(lines)
 
@@ -165,24 +165,15 @@ def _pairs_table(summary: Mapping[str, Any]) -> str:
         "| model | MAE | AbsRel | Acc(1.1) | Acc(1.1²) | MAE against exact depth |",
         "|---|---|---|---|---|---|",
     ]
-    exact = {row["model"]: row for row in _overall(summary, "exact-at-zivid")}
+    exact = overall(summary, "exact-at-zivid")
     lines += [
-        f"| {_name(row['model'])} | {row['mae_mm']:.2f} mm ({row['mae_mm_low']:.2f} to {row['mae_mm_high']:.2f}) | "
-        f"{row['abs_rel']:.4f} | {row['acc_1_1']:.4f} | {row['acc_1_21']:.4f} | {exact[row['model']]['mae_mm']:.2f} mm |"
-        for row in _overall(summary, "zivid")
+        f"| {shown(model)} | {row['mae_mm']:.2f} mm ({row['mae_mm_low']:.2f} to {row['mae_mm_high']:.2f}) | "
+        f"{row['abs_rel']:.4f} | {row['acc_1_1']:.4f} | {row['acc_1_21']:.4f} | {exact[model]['mae_mm']:.2f} mm |"
+        for model, row in overall(summary, "zivid").items()
     ]
     reference = exact["reference"]
     lines.append(f"| the reference camera itself | | | | | {reference['mae_mm']:.2f} mm |")
     return "\n".join(lines)
-
-
-def _overall(summary: Mapping[str, Any], against: str) -> list[Mapping[str, Any]]:
-    """Return the lines of a depth evaluation over all distances."""
-    return [row for row in summary["rows"] if row["working_distance_mm"] == "all" and row["against"] == against]
-
-
-def _name(model: str) -> str:
-    return model if " " in model else f"`{model}`"
 
 
 def _sensor_paragraph(

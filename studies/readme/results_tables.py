@@ -52,11 +52,8 @@ def residual_table(summary: Mapping[str, Any], calibrated: Mapping[str, Any]) ->
     `calibrated` is the summary of the same evaluation without the error.
     """
     config = summary["config"]["evaluation"]
-    before, after, exact = (
-        _overall(calibrated, "zivid"),
-        _overall(summary, "zivid"),
-        _overall(summary, "exact-at-zivid"),
-    )
+    before, after = overall(calibrated, "zivid"), overall(summary, "zivid")
+    exact = overall(summary, "exact-at-zivid")
     lines = [
         f"The same with an error of {config['residual_mm']:g} mm and {config['residual_deg']:g} degrees put into the transform",
         "between the two cameras, in directions that a seed draws: how much of a depth error is the reference's.",
@@ -65,7 +62,7 @@ def residual_table(summary: Mapping[str, Any], calibrated: Mapping[str, Any]) ->
         "|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {_name(model)} | {_mm(before.get(model))} | {_mm(row)} | {row['abs_rel']:.4f} | {row['acc_1_1']:.4f} | "
+        f"| {shown(model)} | {_mm(before.get(model))} | {_mm(row)} | {row['abs_rel']:.4f} | {row['acc_1_1']:.4f} | "
         f"{row['acc_1_21']:.4f} | {_mm(exact.get(model))} |"
         for model, row in after.items()
     ]
@@ -90,7 +87,7 @@ def robustness_table(summary: Mapping[str, Any]) -> str:
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {_name(row['model'])} | {row['condition']} | {_mm(row)} | {_figure(row['ratio'])} | {_mm(row, 'lit_mae_mm')} | "
+        f"| {shown(row['model'])} | {row['condition']} | {_mm(row)} | {_figure(row['ratio'])} | {_mm(row, 'lit_mae_mm')} | "
         f"{_figure(row['lit_ratio'])} | {_figure(row['same_ratio'])} | {_percent(row['valid_share'])} | "
         f"{_mm(row, 'valid_mae_mm')} | {_mm(row, 'valid_any_depth_mae_mm')} |"
         for row in rows
@@ -112,7 +109,7 @@ def speed_table(summaries: Sequence[Mapping[str, Any]]) -> str:
         threads = f", {config['threads']} used" if config["threads"] else ""
         where = f"{machine['usable_cores']} cores{threads}, {machine['cpu']}" if config["device"] == "cpu" else machine["gpu"]
         lines.append(
-            f"| {_name(config['model'])} | {how} | {config['frames']} | {summary['p50_ms']:.1f} ms | "
+            f"| {shown(config['model'])} | {how} | {config['frames']} | {summary['p50_ms']:.1f} ms | "
             f"{summary['p99_ms']:.1f} ms | {summary['max_ms']:.1f} ms | {summary['hz']:.1f} Hz | {where} |"
         )
     return "\n".join(lines)
@@ -123,12 +120,14 @@ def _measured(check: Mapping[str, Any]) -> str:
     return f"{check['name']} {quantity(check)}{bar}"
 
 
-def _overall(summary: Mapping[str, Any], against: str) -> dict[str, Mapping[str, Any]]:
+def overall(summary: Mapping[str, Any], against: str) -> dict[str, Mapping[str, Any]]:
+    """Return the rows of a depth evaluation over all distances, by model."""
     rows = (row for row in summary["rows"] if row["working_distance_mm"] == "all" and row["against"] == against)
     return {row["model"]: row for row in rows}
 
 
-def _name(model: str) -> str:
+def shown(model: str) -> str:
+    """Return a model's name as Markdown: as code where it is a name, plain where it is words."""
     return model if " " in model else f"`{model}`"
 
 

@@ -76,12 +76,7 @@ class OpticalBench:
         return Rig.from_optics(self.scope)
 
     def scope_camera(self, *, clear_mask: bool = False, threads: int | None = None) -> "StripeCamera":
-        """Make the scope's camera; attach a scene to it.
-
-        Args:
-            clear_mask: Replace the stripes by a window, for pictures in even light.
-            threads: See `StripeCamera`.
-        """
+        """Make the scope's camera, to attach a scene to; with a clear mask, a window replaces the stripes for even light."""
         from laploop.envs.sensors.stripe_camera import StripeCamera  # loads Warp
 
         scope = (
