@@ -61,13 +61,9 @@ def save_calibration(
     projector: ProjectorCalibration | None = None,
     hand_eye: HandEyeCalibration | None = None,
 ) -> None:
-    """Write a calibration to `path`; the file appears whole or not at all, and an older one stays until then.
+    """Write a calibration of the two cameras and, where they were calibrated, of projector and scope on the arm.
 
-    Args:
-        path: The file.
-        calibration: Of the two cameras.
-        projector: Of the stripe projector, where it was calibrated.
-        hand_eye: Of the scope on the arm, where it was calibrated.
+    The file appears whole or not at all, and an older one stays until then.
 
     Raises:
         OutputError: If the file cannot be written.
@@ -192,11 +188,7 @@ def _hand_eye(content: Any) -> HandEyeCalibration:
 
 
 def _field(content: Any, *names: str) -> Any:
-    """Return a field of nested objects.
-
-    Raises:
-        InvalidValueError: If one of them is missing.
-    """
+    """Return a field of nested objects, none of which may be missing."""
     for depth, name in enumerate(names):
         if not isinstance(content, Mapping) or name not in content:
             raise InvalidValueError("missing field", ".".join(names[: depth + 1]), "files that have it")

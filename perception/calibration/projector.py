@@ -183,16 +183,11 @@ def calibrated_rig(
     *,
     depths_m: tuple[float, float] = (0.07, 0.14),
 ) -> CalibratedRig:
-    """Return the parallel rig whose stripes lie nearest to the calibrated ones, for estimators.
+    """Return the parallel rig whose stripes lie nearest to the calibrated ones in a range of depths, for estimators.
 
-    Baseline, period and phase are fitted in turns over the whole image, evenly in inverse depth. A projector that is turned or
-    stands ahead of the camera bends the stripes a little; the rig neglects that, and its size is returned.
-
-    Args:
-        camera: The scope's camera.
-        projector: Its projector.
-        nominal: Its mask has the stripe count and the duty.
-        depths_m: Range of depths of the fit.
+    Baseline, period and phase are fitted in turns over the whole image, evenly in inverse depth; the nominal mask gives stripe
+    count and duty. A projector that is turned or stands ahead of the camera bends the stripes a little; the rig neglects that,
+    and its size is returned.
     """
     mask, k = nominal.mask, camera.intrinsics
     inverse = np.linspace(1.0 / depths_m[1], 1.0 / depths_m[0], 8)

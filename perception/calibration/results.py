@@ -91,21 +91,13 @@ def transform_residual(a_from_b: Array, true_a_from_b: Array) -> tuple[float, fl
 
 
 def check_view_count(count: int) -> None:
-    """Raise unless there are enough views.
-
-    Raises:
-        InvalidValueError: If there are fewer than `MIN_VIEWS`.
-    """
+    """Raise an `InvalidValueError` for fewer views than `MIN_VIEWS`."""
     if count < MIN_VIEWS:
         raise InvalidValueError("number of views", count, f"at least {MIN_VIEWS}")
 
 
 def check_view_errors(name: str, errors: tuple[float, ...]) -> None:
-    """Raise unless there are enough views and their errors are distances.
-
-    Raises:
-        InvalidValueError: If there are too few, or one is negative or not finite.
-    """
+    """Raise an `InvalidValueError` unless there are enough views and their errors are finite distances."""
     check_view_count(len(errors))
     if not all(math.isfinite(error) and error >= 0.0 for error in errors):
         raise InvalidValueError(name, errors, "finite numbers from 0 on")

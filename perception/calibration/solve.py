@@ -69,11 +69,7 @@ def calibrate_camera(
 
 
 def checked_corners(corners: Array, board: CalibrationBoard) -> Array:
-    """Return one view's corners.
-
-    Raises:
-        InvalidValueError: If they are not the board's, (n, 2), or not finite.
-    """
+    """Return one view's corners; raises an `InvalidValueError` if they are not the board's, (n, 2), or not finite."""
     count = len(board.corners)
     if corners.shape != (count, 2) or not np.isfinite(corners).all():
         raise InvalidValueError("shape of a view's corners", corners.shape, f"({count}, 2), finite pixels")

@@ -37,11 +37,7 @@ def check_dataset(store: FrameStore | PairStore, *, report: Callable[[int], None
 
     A frame must be done; its arrays must be those that were written; its depth, lit and shadow masks must agree on where
     something was hit. Of a pair, the reference depth must also follow from the stored cloud and calibration, and lie near the
-    exact one. No tissue may be in two splits.
-
-    Args:
-        store: An open data set.
-        report: Called with the number of frames checked so far.
+    exact one. No tissue may be in two splits. `report` is called with the number of frames checked so far.
     """
     done = store.done()
     problems = _check_plan(store)

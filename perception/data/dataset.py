@@ -32,7 +32,6 @@ class DepthDataset(ABC):
     """(N,), frames with the instrument in view."""
 
     def __len__(self) -> int:
-        """Return the number of planned frames."""
         return len(self.split)
 
     @abstractmethod

@@ -81,11 +81,7 @@ class FrameStore(Store):
         self._write(index, {"image": image, "depth_mm": depth_mm, "lit": lit})
 
     def rig(self, index: int) -> Rig:
-        """Return the rig that took a frame.
-
-        Raises:
-            InvalidValueError: If there is no such frame.
-        """
+        """Return the rig that took a frame; see `DepthDataset`."""
         self._check_index(index)
         rig: Rig = self._rigs[self._plan["scope"][index]]
         return rig

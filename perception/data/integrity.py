@@ -14,12 +14,7 @@ CHECKSUM_BYTES = hashlib.sha256().digest_size
 
 
 def open_group(path: Path, command: str, *, writable: bool = False) -> Any:
-    """Open the Zarr group of a data set; its contents are not checked.
-
-    Args:
-        path: The data set.
-        command: The command that makes one, for the message.
-        writable: Open it for writing.
+    """Open the Zarr group of a data set, which some command makes; its contents are not checked.
 
     Raises:
         MissingFileError: If there is none.

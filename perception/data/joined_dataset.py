@@ -16,11 +16,7 @@ class JoinedDataset(DepthDataset):
     """The frames of several data sets, one set after another; each keeps its splits."""
 
     def __init__(self, parts: Sequence[DepthDataset]) -> None:
-        """Join open data sets.
-
-        Raises:
-            InvalidValueError: If there is none, or they differ in the size of their images.
-        """
+        """Join open data sets with images of one size."""
         if not parts:
             raise InvalidValueError("number of data sets", 0, "1 or more")
         size = (parts[0].optics.height, parts[0].optics.width)
@@ -41,11 +37,7 @@ class JoinedDataset(DepthDataset):
         return np.concatenate([part.done() for part in self._parts])
 
     def indices(self, split: str) -> NDArray[np.intp]:
-        """Return the frames of a split that are done.
-
-        Raises:
-            InvalidValueError: If a data set has none.
-        """
+        """Return the frames of a split that are done; every data set must have one."""
         starts = self._starts[:-1]
         return np.concatenate([start + part.indices(split) for start, part in zip(starts, self._parts, strict=True)])
 

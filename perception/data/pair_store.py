@@ -132,11 +132,7 @@ class PairStore(Store, ReferencedDataset):
         self._write(index, {**vars(frame), "metadata": padded})
 
     def rig(self, index: int) -> Rig:
-        """Return the rig of a pair: one scope took them all.
-
-        Raises:
-            InvalidValueError: If there is no such pair.
-        """
+        """Return the rig of a pair: one scope took them all."""
         self._check_index(index)
         return self._rig
 

@@ -94,15 +94,8 @@ class Store(DepthDataset):
     ) -> Self:
         """Make an empty store at a path that does not exist yet; it appears whole or not at all.
 
-        Args:
-            path: The new folder.
-            arrays: Type and shape of each array of a frame.
-            plan: The plan, (N,) each.
-            files: Files beside the arrays.
-            attributes: Further attributes, as JSON has them.
-
-        Raises:
-            OutputError: If the path exists or cannot be written.
+        `arrays` gives type and shape of each array of a frame, `plan` what is planned for each frame, (N,) each, `files` what
+        lies beside the arrays, and `attributes` further attributes as JSON has them.
         """
         import zarr
         from zarr.codecs import BloscCodec, Crc32cCodec
@@ -174,12 +167,7 @@ class Store(DepthDataset):
         return values
 
     def _write(self, index: int, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Write all arrays of one frame, which is done when this returns.
-
-        Raises:
-            InvalidValueError: If there is no such frame, or an array has another type or shape.
-            OutputError: If the disk refuses.
-        """
+        """Write all arrays of one frame, which is done when this returns."""
         self._check_index(index)
         for name in self._names:
             found = (str(arrays[name].dtype), arrays[name].shape)

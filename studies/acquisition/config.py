@@ -41,7 +41,6 @@ class StageRanges:
     """Standard deviation, along and about each axis, between commanded and reached pose: a good motorised stage."""
 
     def __post_init__(self) -> None:
-        """Check that the range is not empty."""
         check_ordered(self)
 
 
@@ -77,7 +76,6 @@ class AcquisitionConfig:
     tissue: TissueConfig = field(default_factory=TissueConfig)
 
     def __post_init__(self) -> None:
-        """Check the split against the tissues, and that every tissue is grown from its seed."""
         if not self.exposure_level[0] <= self.exposure_level[1]:
             raise InvalidValueError("exposure_level", self.exposure_level, "low <= high")
         if self.tissue.mesh is not None:

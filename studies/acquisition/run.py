@@ -71,7 +71,8 @@ def collect_pairs(
 def _open_or_create(config: AcquisitionConfig, out: Path, calibration: Path | None, progress: Progress) -> PairStore:
     """Open the store of an earlier run of the same plan, or calibrate and make a new one."""
     given = None if calibration is None else load_calibration(calibration)
-    recipe = {**config.recipe, "calibration_file_sha256": None if calibration is None else _file_hash(calibration)}
+    digest = None if calibration is None else hashlib.sha256(calibration.read_bytes()).hexdigest()
+    recipe = {**config.recipe, "calibration_file_sha256": digest}
     if out.exists():
         store = PairStore.open(out, writable=True)
         different = sorted(name for name in recipe if store.config.get(name) != recipe[name])
@@ -99,7 +100,3 @@ def _open_or_create(config: AcquisitionConfig, out: Path, calibration: Path | No
         tool_in_view=config.tool_in_view,
         config=recipe,
     )
-
-
-def _file_hash(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

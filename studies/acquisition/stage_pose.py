@@ -26,14 +26,10 @@ class StagePose:
 def draw_stage_pose(
     ranges: StageRanges, *, part: tuple[float, float], nominal_distance_m: float, height_m: float, rng: np.random.Generator
 ) -> StagePose:
-    """Draw a pose whose working distance lies in a part of the range.
+    """Draw a pose whose working distance lies in a part of the range, given as fractions of it.
 
-    Args:
-        ranges: The ranges.
-        part: Beginning and end of the part, fractions of the range.
-        nominal_distance_m: From the scope to the world's origin.
-        height_m: Mean height of the tissue above the stage; the pose turns about the tissue's middle at this height.
-        rng: Source of the numbers.
+    The scope is `nominal_distance_m` above the world's origin. The pose turns about the tissue's middle at its mean height
+    above the stage, `height_m`.
     """
     low, high = ranges.working_distance_m
     distance = low + (high - low) * float(rng.uniform(*part))

@@ -35,17 +35,7 @@ _BRIGHTEST = 0.995
 
 
 def collect_tissue(config: AcquisitionConfig, path: Path, tissue: int, written: Callable[[], None] | None = None) -> int:
-    """Take the missing pairs of one tissue and write them into the store at `path`.
-
-    Args:
-        config: The plan.
-        path: The store.
-        tissue: Number of the tissue.
-        written: Called after each pair.
-
-    Returns:
-        Number of pairs taken.
-    """
+    """Take the missing pairs of one tissue and write them into the store at `path`; return their number."""
     store = PairStore.open(path, writable=True)
     done = store.done()
     todo = [int(index) for index in np.flatnonzero(config.tissue_of_pair == tissue) if not done[index]]
@@ -85,11 +75,7 @@ class AcquisitionStation:
         self._reference.attach(self._scene.model, groups=REFERENCE_SEES, rng=texture_rng, appearance=appearance)
 
     def take(self, index: int, store: PairStore) -> tuple[PairFrame, dict[str, Any]]:
-        """Move, settle, and take pair `index`, which must be one of this tissue.
-
-        Args:
-            index: Number of the pair.
-            store: Its calibration reprojects the reference depth.
+        """Move, settle, and take pair `index` of this tissue; the store's calibration reprojects the reference depth.
 
         Returns:
             The arrays, and the metadata: commanded and reached pose of the stage, times, optics, seeds.

@@ -1,7 +1,8 @@
 """Views of a fixed board by the scope on the camera arm, with the arm's joint angles."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from laploop.control.arm.model import ArmModel
 from laploop.control.arm.start_posture import start_posture
 from laploop.errors import InfeasibleError
 from laploop.perception.geometry import invert_transform
-from laploop.studies.calibration.views import BoardStand, depth_slices, draw_pose, is_lit, take_view
+from laploop.studies.calibration.views import BoardStand, depth_slices, draw_pose, is_lit, take_views
 from laploop.studies.scenes.optical_bench import OpticalBench
 
 Array = NDArray[np.float64]
@@ -55,7 +56,7 @@ def take_hand_eye_views(
     *,
     depths_m: tuple[float, float],
     joint_noise_rad: float = 0.0,
-    progress: Callable[[], None] | None = None,
+    progress: Callable[[], None] = lambda: None,
 ) -> HandEyeViews:
     """Move the scope to random poses over the board, in even light, and take a picture at each.
 
@@ -81,32 +82,28 @@ def take_hand_eye_views(
     shaft_on_flange = np.eye(4)
     shaft_on_flange[2, 3] = LAPAROSCOPE.length_m
     shaft_from_camera = invert_transform(shaft_on_flange) @ camera_on_flange
+    lit = partial(is_lit, board=board, rig=camera.rig)
+
+    def draw(depths: tuple[float, float]) -> Array:
+        """Return joint angles, (6,)."""
+        for _ in range(_REACH_TRIES):
+            camera_from_board = draw_pose(
+                rng, board, camera.rig.camera, depths_m=depths, tilt_deg=_TILT_DEG, turn_deg=_TURN_DEG, seen=lit
+            )
+            world_from_camera = world_from_board @ invert_transform(camera_from_board)
+            try:
+                return start_posture(arm, world_from_camera @ invert_transform(shaft_from_camera), _SEED_Q)
+            except InfeasibleError:
+                continue
+        raise InfeasibleError(f"the arm reaches none of {_REACH_TRIES} poses over the board")
+
+    def picture(q: Array) -> Sequence[NDArray[np.uint8]]:
+        return [camera.capture(None, arm.world_from_shaft(q) @ shaft_from_camera, rng).image]
+
     poses, corners = [], []
-    for depths in depth_slices(depths_m, count):
-
-        def draw(depths: tuple[float, float] = depths) -> Array:
-            """Return joint angles, (6,)."""
-            for _ in range(_REACH_TRIES):
-                camera_from_board = draw_pose(
-                    rng,
-                    board,
-                    camera.rig.camera,
-                    depths_m=depths,
-                    tilt_deg=_TILT_DEG,
-                    turn_deg=_TURN_DEG,
-                    seen=lambda pose: is_lit(pose, board, camera.rig),
-                )
-                world_from_camera = world_from_board @ invert_transform(camera_from_board)
-                try:
-                    return start_posture(arm, world_from_camera @ invert_transform(shaft_from_camera), _SEED_Q)
-                except InfeasibleError:
-                    continue
-            raise InfeasibleError(f"the arm reaches none of {_REACH_TRIES} poses over the board")
-
-        view = take_view(draw, lambda q: [camera.capture(None, arm.world_from_shaft(q) @ shaft_from_camera, rng).image], board)
+    # One view after another, so that the joints' noise is drawn between them.
+    for view in take_views(draw, picture, board, depth_slices(depths_m, count), progress):
         reported = view.pose + joint_noise_rad * rng.standard_normal(arm.dof)
         poses.append(arm.world_from_shaft(reported) @ invert_transform(shaft_on_flange))
         corners.append(view.corners[0])
-        if progress is not None:
-            progress()
     return HandEyeViews(world_from_flange=tuple(poses), corners=tuple(corners), true_flange_from_camera=camera_on_flange)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +17,7 @@ from laploop.perception.calibration.solve import calibrate_camera
 from laploop.perception.geometry import invert_transform
 from laploop.studies.calibration.config import CalibrationConfig
 from laploop.studies.calibration.hand_eye_views import take_hand_eye_views
-from laploop.studies.calibration.views import (
-    BoardStand,
-    View,
-    between,
-    depth_slices,
-    draw_pose,
-    in_view,
-    is_lit,
-    take_views,
-)
+from laploop.studies.calibration.views import BoardStand, View, between, depth_slices, draw_pose, in_view, is_lit, take_views
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
@@ -54,15 +46,11 @@ class BenchCalibration:
 
 
 def calibrate_bench(config: CalibrationConfig, progress: Progress | None = None) -> BenchCalibration:
-    """Take all pictures and calibrate.
+    """Take all pictures and calibrate; `progress` is called with the number of views taken, up to `config.pictures`.
 
     The scope's intrinsics come from its own close and tilted views together with the pairs, in one adjustment with the
     transform; the reference camera's from its own large board, as its maker's would, and stay fixed in it. A pose whose board
     is not found in a picture is replaced by another.
-
-    Args:
-        config: Which pictures to take.
-        progress: Called with the number of views taken, up to `config.pictures`.
 
     Raises:
         InfeasibleError: If the board is too large for a picture or never found.
@@ -124,16 +112,10 @@ def take_own_views(config: CalibrationConfig, rng: np.random.Generator, count: C
         return [camera.capture(None, np.eye(4), rng).image]
 
     def draw(depths_m: tuple[float, float]) -> Array:
-        return draw_pose(
-            rng,
-            board,
-            camera.rig.camera,
-            depths_m=depths_m,
-            tilt_deg=_OWN_TILT_DEG,
-            seen=lambda pose: is_lit(pose, board, camera.rig),
-        )
+        lit = partial(is_lit, board=board, rig=camera.rig)
+        return draw_pose(rng, board, camera.rig.camera, depths_m=depths_m, tilt_deg=_OWN_TILT_DEG, seen=lit)
 
-    return take_views(draw, picture, board, depth_slices(config.own_depths_m, config.views), count)
+    return list(take_views(draw, picture, board, depth_slices(config.own_depths_m, config.views), count))
 
 
 def take_pairs(
@@ -156,7 +138,7 @@ def take_pairs(
         base = between(bench.scope_from_reference)
         return draw_pose(rng, board, scope.rig.camera, depths_m=depths_m, tilt_deg=_PAIR_TILT_DEG, base=base, seen=seen)
 
-    return take_views(draw, picture, board, depth_slices(config.pair_depths_m, config.views), count)
+    return list(take_views(draw, picture, board, depth_slices(config.pair_depths_m, config.views), count))
 
 
 def _factory_calibration(

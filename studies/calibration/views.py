@@ -1,6 +1,6 @@
 """Pictures of a calibration board in front of simulated cameras."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
@@ -62,14 +62,9 @@ class BoardStand:
 def tilted(
     base: Array, middle: Sequence[float] | Array, tilt_deg: Sequence[float] | Array, turn_deg: float, board: CalibrationBoard
 ) -> Array:
-    """Return the pose of a board whose middle is at `middle`.
+    """Return the pose of a board whose middle is at `middle` (3,), metres.
 
-    Args:
-        base: (3, 3), the orientation before it is tilted about its own x and y by `tilt_deg` and turned about its z.
-        middle: (3,), metres.
-        tilt_deg: About x and y.
-        turn_deg: About z.
-        board: The board.
+    Its orientation is `base` (3, 3), tilted about its own x and y by `tilt_deg` and turned about its z by `turn_deg`.
     """
     pose = np.eye(4)
     pose[:3, :3] = base @ Rotation.from_euler("zxy", [turn_deg, *tilt_deg], degrees=True).as_matrix()
@@ -127,11 +122,6 @@ def take_view(
 ) -> View:
     """Draw a pose and take its pictures, until the board is found in all of them.
 
-    Args:
-        draw: Returns a pose.
-        picture: Returns the pictures that cameras take of the board in a pose.
-        board: The board.
-
     Raises:
         InfeasibleError: If it is not found in any of several poses.
     """
@@ -153,13 +143,11 @@ def take_views(
     board: CalibrationBoard,
     slices: Sequence[tuple[float, float]],
     done: Callable[[], None],
-) -> list[View]:
+) -> Iterator[View]:
     """Take a view in each slice of depths; `draw` returns a pose in a slice, `done` is called after each view."""
-    views = []
     for depths in slices:
-        views.append(take_view(partial(draw, depths), picture, board))
+        yield take_view(partial(draw, depths), picture, board)
         done()
-    return views
 
 
 def in_view(camera_from_board: Array, board: CalibrationBoard, camera: Intrinsics) -> bool:

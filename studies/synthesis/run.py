@@ -26,12 +26,8 @@ _ILL_EXPOSED_FRACTIONS = (0.1, 0.5)
 def render_training_frames(config: TrainingFramesConfig, out: Path, *, report: Callable[[int], None] = lambda _: None) -> Path:
     """Render a data set into the store `out` and return its path; resume where an earlier run stopped.
 
-    Frame i depends on the configuration and i alone, not on the number of workers or on interruptions.
-
-    Args:
-        config: Which frames.
-        out: The store; made where it does not exist.
-        report: Called with the number of frames done so far.
+    Frame i depends on the configuration and i alone, not on the number of workers or on interruptions. `report` is called with
+    the number of frames done so far.
 
     Raises:
         OutputError: If `out` cannot be written or holds a data set of another configuration.
