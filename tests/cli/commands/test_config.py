@@ -51,7 +51,7 @@ def test_fields_are_explained_with_bounds_and_unit(capsys):
     text = capsys.readouterr().out
     assert "# Frames a second; a period of whole physics steps. (0.5 to 1000 Hz)\ncamera_hz = 25.0" in text
     assert "# From the capture of a frame to its arrival at the perception stage" in text
-    assert '# (one of constant, lognormal, trace)\nkind = "constant"' in text
+    assert '(one of constant, lognormal, trace)\nkind = "constant"' in text
     assert 'max_speed_rad_s = "none"' in text
 
 
