@@ -48,7 +48,7 @@ def parse_known(
     """
 
     def refuse(event: tyro_errors.ParseErrorEvent) -> None:
-        raise _in_one_line(event, arguments, kind)
+        raise _in_one_line(event, arguments)
 
     with _BOUNDS_IN_HELP, tyro_errors.on_parse_error(refuse):
         given: Any = tyro.MISSING_NONPROP if default is None else default
@@ -73,11 +73,11 @@ def unknown_option(token: str, options: Iterable[str]) -> UsageError:
     return UsageError(f"unknown option {name}; {hint}")
 
 
-def _in_one_line(event: tyro_errors.ParseErrorEvent, arguments: Sequence[str], kind: type) -> UsageError:
+def _in_one_line(event: tyro_errors.ParseErrorEvent, arguments: Sequence[str]) -> UsageError:
     if isinstance(event, tyro_errors.MissingArgs):
-        if event.unrecognized_tokens:
-            return unknown_option(event.unrecognized_tokens[0], options_of(kind))
-        return UsageError(f"{', '.join(_name(one.arg) for one in event.missing_arguments)} must be given")
+        missing = [_name(one.arg) for one in event.missing_arguments]
+        misspelt = [token for token in event.unrecognized_tokens if get_close_matches(token, missing)]
+        return unknown_option(misspelt[0], missing) if misspelt else UsageError(f"{', '.join(missing)} must be given")
     argument = getattr(event, "argument", None)
     if argument is None:
         return UsageError(" ".join(str(getattr(event, "message", event)).split()))

@@ -85,8 +85,8 @@ def parse_tree(kind: type[Arguments], arguments: Sequence[str], command: str) ->
     if _EVERYTHING in arguments:
         place = arguments.index("--task") + 1 if "--task" in arguments else len(arguments)
         task = arguments[place] if place < len(arguments) else "reach"
-        sys.stdout.write(f"Fields of the task {task}, as options of `laploop {command}`:\n\n")
-        sys.stdout.write(options_text(EpisodeConfig.of(task=task), ROOT))
+        shown = options_text(EpisodeConfig.of(task=task), ROOT)
+        sys.stdout.write(f"Fields of the task {task}, as options of `laploop {command}`:\n\n{shown}")
         raise SystemExit(0)
     return parse_known(kind, arguments, command)
 

@@ -143,6 +143,10 @@ def test_option_that_cannot_be_read_is_bad_input_in_one_line(tmp_path, capsys, a
 def test_the_folder_must_be_given(capsys):
     assert main(["run"]) == 2
     assert capsys.readouterr().err == "laploop run: --out must be given\n"
+    assert main(["run", "--loop.camera-hz", "50"]) == 2
+    assert capsys.readouterr().err == "laploop run: --out must be given\n"
+    assert main(["run", "--otu", "somewhere"]) == 2
+    assert capsys.readouterr().err == "laploop run: unknown option --otu; did you mean --out?\n"
 
 
 def test_folder_that_cannot_be_written_is_refused_before_the_episode(tmp_path, capsys, monkeypatch):
