@@ -85,11 +85,7 @@ class Rig:
     mask: StripeMask
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If one is of another type, or the baseline is not positive.
-        """
+        """Check every field."""
         for name, kind in (("camera", Intrinsics), ("mask", StripeMask)):
             if not isinstance(getattr(self, name), kind):
                 raise InvalidValueError(name, getattr(self, name), kind.__name__)

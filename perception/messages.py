@@ -22,11 +22,7 @@ class StripeFrame:
     """4x4, computer-vision camera, from the camera arm's kinematics at the time of capture."""
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If the image is not grey, a time is no integer, or the pose is not rigid.
-        """
+        """Check every field."""
         if not isinstance(self.image, np.ndarray) or self.image.ndim != 2 or self.image.dtype != np.uint8:
             raise InvalidValueError("image", _in_words(self.image), "an array of uint8, (height, width)")
         _check_times_and_pose(self)
@@ -42,11 +38,7 @@ class DepthEstimate:
     """(height, width), where the estimator marks its depth valid."""
 
     def __post_init__(self) -> None:
-        """Check shapes and types.
-
-        Raises:
-            InvalidValueError: If the two arrays do not belong together or have other types.
-        """
+        """Check shapes and types."""
         arrays: dict[str, object] = {"depth_mm": self.depth_mm, "valid": self.valid}
         for name, values in arrays.items():
             if not isinstance(values, np.ndarray):
@@ -71,11 +63,7 @@ class DepthFrame:
     """4x4, as in the stripe frame that it was made from."""
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If there is no estimate, a time is no integer, or the pose is not rigid.
-        """
+        """Check every field."""
         if not isinstance(self.estimate, DepthEstimate):
             raise InvalidValueError("estimate", _in_words(self.estimate), "a DepthEstimate")
         _check_times_and_pose(self)

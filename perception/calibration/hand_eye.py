@@ -35,11 +35,7 @@ class HandEyeCalibration:
     """For each view, the root mean square distance between corners and reprojections; joint angles are taken as exact."""
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If a transform is not rigid, an error is not a distance, or there are too few views.
-        """
+        """Check every field."""
         check_view_errors("view_errors_px", self.view_errors_px)
         for name in ("flange_from_camera", "world_from_board"):
             object.__setattr__(self, name, rigid_transform(name, getattr(self, name)))

@@ -55,11 +55,7 @@ class ProjectorCalibration:
     """Standard deviation of each of `UNKNOWNS`, estimated from the misfits."""
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If the transform is not rigid, a number is impossible, or there are too few views.
-        """
+        """Check every field."""
         check_view_errors("view_errors_turns", self.view_errors_turns)
         object.__setattr__(self, "projector_from_camera", rigid_transform("projector_from_camera", self.projector_from_camera))
         if not 0.0 < self.period_tan < 2.0:

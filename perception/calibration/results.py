@@ -31,11 +31,7 @@ class CameraCalibration:
     """(views, 4, 4), poses of the board."""
 
     def __post_init__(self) -> None:
-        """Check every field.
-
-        Raises:
-            InvalidValueError: If there are too few views, an error is not a distance, or a pose is not rigid.
-        """
+        """Check every field."""
         check_view_errors("view_errors_px", self.view_errors_px)
         poses = np.array([rigid_transform("camera_from_board", pose) for pose in self.camera_from_board])
         if len(poses) != len(self.view_errors_px):
@@ -77,11 +73,7 @@ class StereoCalibration:
     """For each pair of views, the root mean square error over both pictures, with one transform for all."""
 
     def __post_init__(self) -> None:
-        """Check the transform and its errors.
-
-        Raises:
-            InvalidValueError: If there are too few views, an error is not a distance, or the transform is not rigid.
-        """
+        """Check the transform and its errors."""
         check_view_errors("view_errors_px", self.view_errors_px)
         object.__setattr__(self, "scope_from_reference", rigid_transform("scope_from_reference", self.scope_from_reference))
 
