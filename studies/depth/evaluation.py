@@ -66,6 +66,7 @@ def evaluate_depth(
     if chosen.against != "exact" and not isinstance(data, PairStore):
         raise InvalidValueError("against", chosen.against, f"exact: the data set {dataset} has no reference camera")
     indices = data.indices(chosen.split)
+    data.verify(indices)
     estimators = EstimatorCache(models, chosen.weights)
     # All are made before any work starts, so that missing weights are reported at once.
     estimators.all(data.rig(int(indices[0])))

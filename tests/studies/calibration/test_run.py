@@ -1,5 +1,8 @@
 """The whole calibration of the simulated bench, from pictures, against the truth."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -93,3 +96,16 @@ def test_twenty_views_keep_the_limits():
     assert found.joint.reference_error_px < 0.3
     assert residuals.stereo.rotation_deg < 0.1
     assert residuals.stereo.translation_mm < 0.5
+
+
+@pytest.mark.slow
+def test_two_calibrations_in_two_processes_are_equal_to_the_bit(tmp_path):
+    files = []
+    for number, threads in enumerate(("1", "2", "2")):
+        out = tmp_path / str(number)
+        environment = {**os.environ, "OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads}
+        command = [sys.executable, "-P", "-c", "import sys; from laploop.cli.main import main; sys.exit(main(sys.argv[1:]))"]
+        options = ["calibrate", "--views", "6", "--seed", "2", "--out", str(out)]
+        subprocess.run([*command, *options], check=True, capture_output=True, env=environment)  # noqa: S603 - our own command
+        files.append((out / "calibration.json").read_bytes())
+    assert files[0] == files[1] == files[2]
