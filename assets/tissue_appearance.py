@@ -9,10 +9,9 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.ranges import Span, check_ordered
 from laploop.configuration import Field, configuration
-
-Array = NDArray[np.float64]
 
 _TEXTURE_WAVES = 32
 _TEXTURE_WAVELENGTHS_M = (0.008, 0.05)

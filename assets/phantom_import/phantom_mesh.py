@@ -19,12 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.phantom_import.self_intersection import crossing_triangles
 from laploop.assets.phantom_import.solid_store import Solid, stored_solid
 from laploop.assets.tissue_mesh import TissueMesh, solid_from_tetrahedra
 from laploop.errors import InvalidValueError, check_file
-
-Array = NDArray[np.float64]
 
 SUFFIXES = (".stl", ".obj", ".ply")
 MAX_TRIANGLES = 50_000

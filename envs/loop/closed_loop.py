@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.control.arm.rcm_controller import RcmController, RcmStatus
 from laploop.control.messages import ControlInput
 from laploop.envs.loop.config import LoopConfig
@@ -24,8 +24,6 @@ from laploop.errors import SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
 from laploop.perception.messages import StripeFrame
-
-Array = NDArray[np.float64]
 
 MAX_WAIT_NS = 10_000_000_000
 """How long a reset waits for the first depth frame."""

@@ -7,13 +7,12 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.envs.loop.perception_server import ServedFrame
 from laploop.envs.loop.proprioception import ProprioceptiveReading
 from laploop.errors import InvalidValueError
 from laploop.perception.messages import DepthEstimate
-
-Array = NDArray[np.float64]
 
 FaultKind = Literal[
     "perception-stops",

@@ -5,16 +5,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.instrument import HOLDER_LENGTH_M as INSTRUMENT_HOLDER_M
 from laploop.assets.laparoscope import HOLDER_LENGTH_M as LAPAROSCOPE_HOLDER_M
 from laploop.control.arm.clearance_limits import nearest_parameters
 from laploop.control.arm.model import ArmModel
 from laploop.control.arm.rcm_config import RcmControllerConfig
 from laploop.envs.theatre.theatre import Theatre
-
-Array = NDArray[np.float64]
 
 _HOLDER_M = {"camera": LAPAROSCOPE_HOLDER_M, "tool": INSTRUMENT_HOLDER_M}
 _HOLDER_RADIUS_M = 0.020

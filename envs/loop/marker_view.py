@@ -1,13 +1,11 @@
 """Where the target's marker appears in a frame."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.envs.loop.perception_server import CapturedFrame
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.perception.geometry import Intrinsics, invert_transform, transform_points
-
-Array = NDArray[np.float64]
 
 COVERED_MM = 3.0
 """A point so far behind what its pixel shows is not seen."""

@@ -1,15 +1,13 @@
 """Nominal kinematics: what the robots compute, with their errors, between the theatre's truth and the controllers."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.control.arm.model import ArmModel
 from laploop.envs.loop.kinematic_errors import DrawnErrors
 from laploop.envs.theatre.arm import Arm
 from laploop.envs.theatre.theatre import Theatre
 from laploop.perception.geometry import invert_transform, transform_points
-
-Array = NDArray[np.float64]
 
 
 class MiscalibratedArm:

@@ -11,11 +11,9 @@ from functools import partial
 from typing import Annotated, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
-
-Array = NDArray[np.float64]
 
 
 class ProprioceptiveBody(Protocol):

@@ -17,19 +17,17 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
+from laploop.arrays import Array, Float32
 from laploop.control.messages import ControlInput, TipController
 from laploop.envs.loop.closed_loop import ClosedLoop
 from laploop.envs.tasks.task_config import TaskConfig
 from laploop.errors import InvalidValueError
 
-Array = NDArray[np.float64]
-
 JOINTS = 6
 
 
-def action_space(config: TaskConfig) -> spaces.Space[NDArray[np.float32]]:
+def action_space(config: TaskConfig) -> spaces.Space[Float32]:
     """Return the space of the actions of a config."""
     bound = action_bound(config)
     size = JOINTS if config.action_mode == "joint-velocity" else 3

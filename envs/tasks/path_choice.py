@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
+from laploop.arrays import Array
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_capture import StripeCapture
 from laploop.envs.tasks.configs import PathChoiceConfig
@@ -11,7 +12,6 @@ from laploop.envs.tasks.target_choice import qualifying_pixels, shaft_is_clear
 from laploop.errors import SimulationError
 from laploop.perception.geometry import Intrinsics
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _STARTS = 400

@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.shafts import INSTRUMENT
 from laploop.control.messages import ControlInput
 from laploop.envs.tasks.configs import ScanConfig
@@ -19,8 +19,6 @@ from laploop.envs.tasks.surface_point import SurfacePoint
 from laploop.envs.tasks.target_choice import checked_pixels
 from laploop.envs.tasks.task_env import Info, TaskEnv
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 
 class ScanEnv(TaskEnv[ScanConfig]):

@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.errors import InvalidValueError
 
-Array = NDArray[np.float64]
 IndexArray = NDArray[np.signedinteger[Any]]
 
 

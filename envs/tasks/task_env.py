@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.shafts import INSTRUMENT
 from laploop.control.messages import ControlInput, TipController
 from laploop.envs.loop.closed_loop import ClosedLoop
@@ -38,7 +39,6 @@ from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.registry import make_estimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
 
-Array = NDArray[np.float64]
 Info = dict[str, Any]
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 

@@ -6,14 +6,12 @@ from dataclasses import replace
 from typing import Annotated, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.ur5_description import VELOCITY_GAIN_RATIO_S
 from laploop.configuration import Field, configuration
 from laploop.envs.theatre.arm import JointReference
 from laploop.errors import InvalidValueError, UnknownNameError
-
-Array = NDArray[np.float64]
 
 ActuationName = Literal["ideal", "ur5-cb", "ur5-e"]
 """The named actuations, in the order in which they are listed to users."""

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.shafts import Shaft
 from laploop.assets.ur5_description import JOINT_NAMES, VELOCITY_GAIN_RATIO_S
 from laploop.errors import InvalidValueError
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.instrument import build_instrument
 from laploop.assets.laparoscope import SHAFT_TIP, build_laparoscope
 from laploop.assets.operating_table import STAGE_PLATE_THICKNESS_M, build_operating_table, build_stage
@@ -23,8 +23,6 @@ from laploop.control.arm.start_posture import start_posture
 from laploop.envs.theatre.arm import Arm
 from laploop.envs.theatre.config import TheatreConfig, TheatreLayout
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 CAMERA_ARM = "camera_arm"
 TOOL_ARM = "tool_arm"

@@ -4,11 +4,9 @@ import math
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
-
-Array = NDArray[np.float64]
 
 PeakToPeak = Annotated[float, Field(ge=0.0, le=0.05)]
 Frequency = Annotated[float, Field(ge=0.001, le=0.5)]

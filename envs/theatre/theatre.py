@@ -2,8 +2,8 @@
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.instrument import TIP
 from laploop.assets.laparoscope import CAMERA, PROJECTOR
 from laploop.assets.tissue_mesh import TissueMesh
@@ -26,7 +26,6 @@ from laploop.errors import InvalidValueError, SimulationError
 
 __all__ = ["Arm", "Theatre", "TheatreConfig"]
 
-Array = NDArray[np.float64]
 
 _SETTLE_LIMIT_S = 2.0
 _AT_REST_M_S = 1e-6

@@ -6,9 +6,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.tissue_mesh import TissueMesh
-
-Array = NDArray[np.float64]
 
 
 class Tissue:

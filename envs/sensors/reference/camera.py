@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from laploop.arrays import Array, Float32
 from laploop.envs.sensors.ray_camera import RayCamera
 from laploop.envs.sensors.reference.capture import ReferenceCapture
 from laploop.envs.sensors.reference.noise import ReferenceNoise
@@ -14,8 +15,6 @@ from laploop.envs.sensors.reference.optics import ReferenceOptics
 from laploop.envs.sensors.reference.shading import ReferenceLight, light_of, srgb
 from laploop.envs.sensors.stripe_capture import ExactView
 from laploop.errors import InvalidValueError
-
-Float32 = NDArray[np.float32]
 
 
 class ReferenceCamera(RayCamera):
@@ -39,7 +38,7 @@ class ReferenceCamera(RayCamera):
         self._rays: Float32 = self.intrinsics.rays.reshape(-1, 3).astype(np.float32)
 
     def capture(
-        self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64], rng: np.random.Generator | None
+        self, data: mujoco.MjData | None, world_from_camera: Array, rng: np.random.Generator | None
     ) -> ReferenceCapture:
         """Measure the scene as it is now.
 
@@ -128,7 +127,7 @@ def lateral_mount(
     distance_m: float = 0.6,
     azimuth_rad: float = -0.5 * math.pi,
     elevation_rad: float = math.radians(55.0),
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the pose `world_from_camera`, 4x4, of a camera beside the phantom that views it, its x axis level.
 
     By default the camera is on the world's -y side, between the two arms, and low enough to look past the scope: a shaft
