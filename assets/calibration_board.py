@@ -53,7 +53,6 @@ class CalibrationBoard:
     pixel's area and the lens's blur, which are about as wide. Corners do not move."""
 
     def __post_init__(self) -> None:
-        """Check numbers and widths against each other."""
         if (self.columns + self.rows) % 2 == 0:
             raise InvalidValueError("columns and rows", (self.columns, self.rows), "an even and an odd number")
         if not self.edge_mm <= 0.5 * self.square_mm:

@@ -61,7 +61,6 @@ class AppearanceRanges:
     detail: Span[Detail] = (0.0, 0.10)
 
     def __post_init__(self) -> None:
-        """Check that no range is empty."""
         check_ordered(self)
 
 

@@ -70,7 +70,6 @@ class OutputFolder:
             ) from error
 
     def __enter__(self) -> Self:
-        """Return the folder."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:

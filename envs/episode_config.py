@@ -53,11 +53,6 @@ class PerceptionConfig:
     """Further arguments of the estimator, by name."""
 
     def __post_init__(self) -> None:
-        """Check the name.
-
-        Raises:
-            UnknownNameError: If there is no such estimator.
-        """
         ESTIMATORS.check(self.name)
 
 
@@ -71,11 +66,6 @@ class ControllerConfig:
     """Further arguments of the controller, by name; of a scripted one, fields of its configuration."""
 
     def __post_init__(self) -> None:
-        """Check the name.
-
-        Raises:
-            UnknownNameError: If there is no such controller.
-        """
         if self.name != OWN:
             CONTROLLERS.check(self.name)
 
@@ -91,12 +81,6 @@ class PredictorConfig:
     """Further arguments of the predictor, by name."""
 
     def __post_init__(self) -> None:
-        """Check the name.
-
-        Raises:
-            UnknownNameError: If there is no such predictor.
-            InvalidValueError: If there are arguments and no name.
-        """
         if self.name != OWN:
             PREDICTORS.check(self.name)
         elif self.arguments:

@@ -43,7 +43,6 @@ class ExportArguments:
     """Folder to write to; made where it does not exist."""
 
     def __post_init__(self) -> None:
-        """Refuse names that there are not, and options that exclude each other."""
         NETWORKS.check(self.model)
         if self.random_weights and self.weights is not None:
             raise InvalidValueError("weights", self.weights, "none together with random_weights")

@@ -63,11 +63,6 @@ class Fault:
     """What a saturated force sensor reads."""
 
     def __post_init__(self) -> None:
-        """Check begin and end.
-
-        Raises:
-            InvalidValueError: If the fault does not end after it began.
-        """
         if not self.start_s < self.end_s:
             raise InvalidValueError("end_s", self.end_s, f"above start_s ({self.start_s:g})")
 
@@ -80,7 +75,6 @@ class FaultInjector:
     """Puts the faults of a schedule between the sensors and their consumers, for one episode."""
 
     def __init__(self, faults: tuple[Fault, ...]) -> None:
-        """Begin an episode."""
         self._faults = faults
         self._jumped: set[Fault] = set()
         self._held: dict[Fault, ServedFrame] = {}

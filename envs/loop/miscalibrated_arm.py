@@ -79,7 +79,6 @@ class MiscalibratedTool(MiscalibratedArm):
     """The tool arm: what its sensors measure of its tip, as `laploop.envs.loop.proprioception` reads it."""
 
     def __init__(self, theatre: Theatre, errors: DrawnErrors | None) -> None:
-        """Take the tool arm of a theatre at time 0."""
         super().__init__(theatre, theatre.tool_arm, errors)
 
     def tip_in_world(self) -> Array:
@@ -105,7 +104,6 @@ class MiscalibratedScope(MiscalibratedArm):
     """The camera arm: where it and the hand-eye calibration put the camera."""
 
     def __init__(self, theatre: Theatre, errors: DrawnErrors | None) -> None:
-        """Take the camera arm of a theatre at time 0."""
         super().__init__(theatre, theatre.camera_arm, errors)
 
     def world_from_camera(self) -> Array:

@@ -90,7 +90,6 @@ class RerunRecorder(Recorder):
         self._closed = self._kept = False
 
     def __enter__(self) -> Self:
-        """Return the recorder."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None) -> None:

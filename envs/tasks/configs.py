@@ -100,11 +100,6 @@ class PalpateConfig(TaskConfig):
     """Largest distance of the tip from an ideal touch of the target at which a force counts."""
 
     def __post_init__(self) -> None:
-        """Check that the band stays clear of zero and of the harmful force.
-
-        Raises:
-            InvalidValueError: If it does not.
-        """
         if not self.tolerance_n < self.force_n < self.harm_force_n - self.tolerance_n:
             raise InvalidValueError("force_n", self.force_n, "above tolerance_n, and below harm_force_n by more than that")
 
@@ -127,11 +122,6 @@ class PathChoiceConfig:
     """What each of its points must keep."""
 
     def __post_init__(self) -> None:
-        """Check that the path has points enough.
-
-        Raises:
-            InvalidValueError: If the spacing is more than a fifth of the length.
-        """
         if self.spacing_m > 0.2 * self.length_m:
             raise InvalidValueError("spacing_m", self.spacing_m, "0.0005 m to a fifth of length_m")
 

@@ -19,7 +19,6 @@ class Samples:
     """One quantity over the assessed ticks of an episode; a statistic is None while there are none."""
 
     def __init__(self) -> None:
-        """Start without values."""
         self._values: list[float] = []
 
     def add(self, value: float) -> None:

@@ -147,9 +147,9 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
     def measure(self, *, begin: bool) -> None:
         """Measure what the task is about, at the begin of an episode and after every control period."""
 
-    @abstractmethod
     def target_error_mm(self) -> float:
-        """Return the distance of the moved tip from where it should be."""
+        """Return the distance of the moved tip from where it should be: by default, from an ideal touch of the target."""
+        return self.touch_error_mm()
 
     def ended_by(self) -> str | None:
         """Return why the task is over, `success` if it is solved, or None while it is not."""
@@ -311,7 +311,6 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         return True
 
     def _check_reset(self, seed: Any, options: object) -> None:
-        """Check what `reset` was called with."""
         if seed is not None and (isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= int(seed) < 2**63):
             raise InvalidValueError("seed", seed, "an integer from 0 to 2**63 - 1, or None")
         if options is not None and not isinstance(options, Mapping):

@@ -37,7 +37,6 @@ class ActuationConfig:
     """Limit of every joint's angle, in both directions."""
 
     def __post_init__(self) -> None:
-        """Refuse a delay, a lag or a limit without a cycle."""
         limited = self.max_speed_rad_s is not None or self.max_angle_rad is not None
         if self.cycle_ms == 0.0 and (self.delay_ms or self.lag_ms or limited):
             raise InvalidValueError("cycle_ms", 0, "above 0 where there is a delay, a lag or a limit")

@@ -28,11 +28,6 @@ class TheatreLayout:
     """Where the tool arm stands; its shaft leans away from the scope, which puts its flange farther out."""
 
     def __post_init__(self) -> None:
-        """Check that the scope can pass the wall.
-
-        Raises:
-            InvalidValueError: If the wall is not well above the scope's tip.
-        """
         if self.scope_tip_z_m > self.wall_z_m - 0.03:
             raise InvalidValueError("scope_tip_z_m", self.scope_tip_z_m, "at least 0.03 m below wall_z_m")
 

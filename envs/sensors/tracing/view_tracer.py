@@ -29,7 +29,6 @@ class ViewTracer:
     """
 
     def __init__(self, rig: Rig, device: Any, runner: StripRunner) -> None:
-        """Allocate the buffers."""
         camera = rig.camera
         self._rig = rig
         self._device = device
