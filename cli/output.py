@@ -34,10 +34,6 @@ class OutputFolder:
     def __init__(self, path: Path | str, command: str) -> None:
         """Make the folder where it does not exist, lock it, and remove what a killed command left half-written.
 
-        Args:
-            path: The folder.
-            command: Name of the command, for the summary.
-
         Raises:
             OutputError: If the folder cannot be made or written, or another command is writing to it.
         """
@@ -111,15 +107,12 @@ class OutputFolder:
             path.write_text(text, encoding="utf-8")
 
     def write_summary(self, results: Mapping[str, Any], *, config: Any, seed: int | None) -> dict[str, Any]:
-        """Write `summary.json`, the last artefact of a command.
+        """Write `summary.json`, the last artefact of a command, and return what was written.
 
         Args:
             results: What the command adds.
             config: The resolved configuration, a dataclass or a mapping.
-            seed: The seed, None for a command without randomness.
-
-        Returns:
-            What was written.
+            seed: None for a command without randomness.
         """
         summary = {
             "command": self.command,

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from contextlib import redirect_stdout, suppress
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import tyro
@@ -16,6 +17,10 @@ from laploop.configuration import allowed, alternatives, field_docs
 from laploop.errors import UsageError
 
 Arguments = TypeVar("Arguments")
+
+Inlined = Annotated[Arguments, tyro.conf.arg(name="")]
+"""A dataclass whose fields are options of the command, without a prefix."""
+OutputPath = Annotated[Path, tyro.conf.arg(help="Folder to write to; made where it does not exist.")]
 
 
 def parse(kind: type[Arguments], arguments: Sequence[str], command: str, default: Arguments | None = None) -> Arguments:
@@ -40,12 +45,7 @@ def parse(kind: type[Arguments], arguments: Sequence[str], command: str, default
 def parse_known(
     kind: type[Arguments], arguments: Sequence[str], command: str, default: Arguments | None = None
 ) -> tuple[Arguments, list[str]]:
-    """Read a command's arguments as `parse` does; return with them what it does not know, in its order.
-
-    Raises:
-        LaploopError: If a value is not allowed, or an option is missing or of the wrong type.
-        SystemExit: With status 0 after `--help`.
-    """
+    """Read a command's arguments as `parse` does; return with them what it does not know, in its order."""
 
     def refuse(event: tyro_errors.ParseErrorEvent) -> None:
         raise _in_one_line(event, arguments, kind)

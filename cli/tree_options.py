@@ -11,11 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
-import tyro
-
-from laploop.cli.parsing import options_of, parse_known, unknown_option
+from laploop.cli.parsing import Inlined, options_of, parse_known, unknown_option
 from laploop.cli.tree import Leaf, kinds_of, leaves, option_name, options_text
 from laploop.configuration import from_plain, to_plain
 from laploop.envs.episode_config import EpisodeConfig, EpisodeOptions
@@ -42,11 +40,7 @@ class FileOptions:
     """Accept module:Class from that file, which runs the code it names."""
 
     def read(self) -> Plain:
-        """Return what the file holds, in the layout of `EpisodeConfig`; empty without a file.
-
-        Raises:
-            LaploopError: If it cannot be read, or names code and is not trusted.
-        """
+        """Return what the file holds, in the layout of `EpisodeConfig`; empty without a file."""
         if self.config is None:
             return {}
         plain = _read(self.config)
@@ -55,11 +49,7 @@ class FileOptions:
         return plain
 
     def loop(self) -> LoopConfig | None:
-        """Return the loop that the file configures; None without a file.
-
-        Raises:
-            LaploopError: If a value is not allowed.
-        """
+        """Return the loop that the file configures; None without a file."""
         plain = self.read()
         return _episode(plain, None, str(self.config)).task.loop if plain else None
 
@@ -68,15 +58,11 @@ class FileOptions:
 class TreeOptions:
     """What makes an episode."""
 
-    episode: Annotated[EpisodeOptions, tyro.conf.arg(name="")] = field(default_factory=EpisodeOptions)
-    file: Annotated[FileOptions, tyro.conf.arg(name="")] = field(default_factory=FileOptions)
+    episode: Inlined[EpisodeOptions] = field(default_factory=EpisodeOptions)
+    file: Inlined[FileOptions] = field(default_factory=FileOptions)
 
     def tree(self) -> EpisodeConfig:
-        """Return the episode of the file with the options in place.
-
-        Raises:
-            LaploopError: If a value is not allowed.
-        """
+        """Return the episode of the file with the options in place."""
         plain = self.file.read()
         if not plain:
             return self.episode.episode()
@@ -84,12 +70,7 @@ class TreeOptions:
 
 
 def parse_tree(kind: type[Arguments], arguments: Sequence[str], command: str) -> tuple[Arguments, list[str]]:
-    """Read the arguments of a command that takes a tree; return with them those that set fields of it, for `with_options`.
-
-    Raises:
-        LaploopError: If a value is not allowed, or an option is missing or of the wrong type.
-        SystemExit: With status 0 after `--help` or `--help-all`.
-    """
+    """Read the arguments of a command that takes a tree; return with them those that set fields of it, for `with_options`."""
     if _EVERYTHING in arguments:
         place = arguments.index("--task") + 1 if "--task" in arguments else len(arguments)
         task = arguments[place] if place < len(arguments) else "reach"
@@ -100,25 +81,12 @@ def parse_tree(kind: type[Arguments], arguments: Sequence[str], command: str) ->
 
 
 def with_options(episode: EpisodeConfig, tokens: Sequence[str], kind: type) -> EpisodeConfig:
-    """Return an episode with those fields changed that options name.
-
-    Args:
-        episode: Where the paths begin.
-        tokens: Options and their values.
-        kind: The command's arguments, whose options are suggested too.
-
-    Raises:
-        LaploopError: If there is no such field, or a value is not allowed.
-    """
+    """Return an episode with those fields changed that options name; `kind`'s own options are suggested for a misspelt one."""
     return with_plain(episode, _assigned(tokens, leaves(episode), kind)) if tokens else episode
 
 
 def with_plain(episode: EpisodeConfig, plain: Plain, *, source: str = "") -> EpisodeConfig:
-    """Return an episode with what a file holds in place of its own.
-
-    Raises:
-        LaploopError: If a value is not allowed.
-    """
+    """Return an episode with what a file holds in place of its own."""
     return from_plain(EpisodeConfig, _merged(to_plain(episode), plain), source=source)
 
 

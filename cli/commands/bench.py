@@ -3,14 +3,10 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder, plain
-from laploop.cli.parsing import parse
+from laploop.cli.parsing import Inlined, OutputPath, parse
 from laploop.studies.timing.bench import BenchConfig, run_bench
 from laploop.studies.timing.bench_result import as_csv, as_markdown
 
@@ -23,9 +19,8 @@ class BenchArguments:
     before the measurement is kept with the results.
     """
 
-    bench: Annotated[BenchConfig, tyro.conf.arg(name="")] = field(default_factory=BenchConfig)
-    out: Path
-    """Folder to write to; made where it does not exist."""
+    bench: Inlined[BenchConfig] = field(default_factory=BenchConfig)
+    out: OutputPath
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -4,12 +4,11 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
-
-import tyro
+from typing import Any
 
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
+from laploop.cli.parsing import Inlined, OutputPath
 from laploop.cli.tree_options import TreeOptions, parse_tree, with_options
 from laploop.configuration import to_plain
 from laploop.envs.recording.episode_log import EpisodeLog
@@ -25,9 +24,8 @@ class RunArguments:
     field of the configuration is an option, such as --loop.camera-hz 50; --help-all lists them.
     """
 
-    tree: Annotated[TreeOptions, tyro.conf.arg(name="")] = field(default_factory=TreeOptions)
-    out: Path
-    """Folder to write to; made where it does not exist."""
+    tree: Inlined[TreeOptions] = field(default_factory=TreeOptions)
+    out: OutputPath
     rerun: bool = True
     """Write the Rerun recording, about 6 MB for a simulated second."""
 
