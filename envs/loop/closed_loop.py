@@ -11,7 +11,6 @@ from laploop.envs.loop.config import LoopConfig
 from laploop.envs.loop.faults import FaultInjector
 from laploop.envs.loop.kinematic_errors import KinematicErrors
 from laploop.envs.loop.limit_monitor import LimitMonitor
-from laploop.envs.loop.marker_view import visible_pixel
 from laploop.envs.loop.miscalibrated_arm import MiscalibratedArm, MiscalibratedScope, MiscalibratedTool
 from laploop.envs.loop.perception_server import CapturedFrame, PerceptionServer, ServedFrame
 from laploop.envs.loop.proprioception import Proprioception, ProprioceptiveReading
@@ -340,4 +339,4 @@ class ClosedLoop:
         """Remember where the target appears in a frame that was captured just now."""
         if captured is not None and self._locate_target is not None:
             place, point = self.theatre.world_from_camera(), self._locate_target()
-            self._markers[captured.frame.index] = visible_pixel(captured, point, place, self.rig.camera)
+            self._markers[captured.frame.index] = captured.visible_pixel(point, place, self.rig.camera)

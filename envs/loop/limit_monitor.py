@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,10 +37,6 @@ class MotionExtremes:
     """Least of the tips' depths below the wall and of the holders' heights above it."""
     collision_steps: int = 0
     """Physics steps in which rigid bodies touched: arms, what they hold, and the table."""
-
-    def as_dict(self) -> dict[str, float]:
-        """Return the values by name."""
-        return asdict(self)
 
 
 class LimitMonitor:

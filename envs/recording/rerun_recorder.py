@@ -116,7 +116,7 @@ class RerunRecorder(Recorder):
             for series, (label, color) in plot.series.items():
                 lines = rr.SeriesLines(names=[label], colors=[color], widths=[1.5])
                 stream.log(f"plots/{name}/{series}", lines, static=True)
-        bodies = drawn_bodies(model)
+        bodies = tuple(drawn_bodies(model))
         for body in bodies:
             log_shapes(stream, model, body)
             if not body.moves:

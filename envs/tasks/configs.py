@@ -17,8 +17,7 @@ from laploop.envs.tasks.task_config import (
     Weight,
 )
 from laploop.envs.theatre.config import TheatreConfig
-from laploop.envs.theatre.organ_motion import BaseMotion
-from laploop.envs.theatre.stage_travel import StageTravel
+from laploop.envs.theatre.organ_motion import BaseMotion, StageTravel
 from laploop.errors import InvalidValueError
 
 

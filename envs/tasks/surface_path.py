@@ -40,17 +40,7 @@ class SurfacePath:
 
     @classmethod
     def from_rays(cls, points: Array, triangles: IndexArray, origin: Array, directions: Array) -> "SurfacePath":
-        """Draw a path through the points where rays first meet the surface.
-
-        Args:
-            points: (n, 3), vertices.
-            triangles: (m, 3), indices into them.
-            origin: (3,), start of all rays, in the vertices' frame.
-            directions: (k, 3), of any length.
-
-        Raises:
-            InvalidValueError: If a ray misses the surface.
-        """
+        """Draw a path through the points where rays, (k, 3) from one origin, meet the surface; see `SurfacePoint.from_ray`."""
         return cls([SurfacePoint.from_ray(points, triangles, origin, direction) for direction in directions], points)
 
     @property

@@ -19,7 +19,6 @@ from laploop.envs.loop.closed_loop import ClosedLoop
 from laploop.envs.loop.perception_server import ServedFrame
 from laploop.envs.recording.recorder import Recorder, TickRecord
 from laploop.envs.tasks.actions import ActionInterpreter, action_space, checked_action
-from laploop.envs.tasks.measures import weighted
 from laploop.envs.tasks.observations import (
     MAX_FORCE_N,
     Observation,
@@ -231,7 +230,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             "success": float(succeeded),
             "harm": -float(terminated_by in HARMS),
         }
-        terms = weighted({**self.reward_terms(), **shared_terms}, self.config.rewards)
+        weights, unweighted = vars(self.config.rewards), {**self.reward_terms(), **shared_terms}
+        terms = {name: value * float(weights[name]) for name, value in unweighted.items()}
         info = self._info(terms, "time" if truncated else terminated_by, succeeded=succeeded)
         self._record_tick(info)
         self._running = terminated_by is None and not truncated

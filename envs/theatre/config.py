@@ -6,8 +6,7 @@ from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.tissue_config import TissueConfig
 from laploop.configuration import Field, configuration
 from laploop.envs.theatre.actuation import ActuationConfig
-from laploop.envs.theatre.organ_motion import BaseMotion
-from laploop.envs.theatre.stage_travel import StageTravel
+from laploop.envs.theatre.organ_motion import BaseMotion, StageTravel
 from laploop.envs.theatre.trocar import TrocarConfig
 from laploop.errors import InvalidValueError
 

@@ -17,7 +17,7 @@ from laploop.assets.tissue_config import TissueConfig
 from laploop.assets.tissue_mesh import TissueMesh, mean_top_height, solid_mesh
 from laploop.assets.tissue_shape import height_field
 from laploop.assets.ur5 import build_ur5
-from laploop.assets.ur5_description import FLANGE
+from laploop.assets.ur5_description import FLANGE, JOINT_NAMES
 from laploop.control.arm.model import ArmModel
 from laploop.control.arm.start_posture import start_posture
 from laploop.envs.theatre.arm import Arm
@@ -82,14 +82,21 @@ def build_scene(
     scope_pose = _transform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, layout.scope_tip_z_m]))
 
     def arm(name: str, prefix: str, shaft: Shaft, trocar: Array, shaft_pose: Array, seed_q: Array) -> Arm:
-        return Arm.of_model(
-            model,
+        joints = [model.joint(f"{name}/{joint}") for joint in JOINT_NAMES]
+        home_q = start_posture(ArmModel(bases[name], shaft), shaft_pose, seed_q)
+        for array in (bases[name], trocar, home_q):
+            array.flags.writeable = False
+        return Arm(
             name=name,
-            tip_site=f"{prefix}{SHAFT_TIP}",
+            prefix=f"{name}/",
             shaft=shaft,
             world_from_base=bases[name],
             trocar_in_world=trocar,
-            home_q=start_posture(ArmModel(bases[name], shaft), shaft_pose, seed_q),
+            home_q=home_q,
+            qpos_indices=np.array([joint.qposadr[0] for joint in joints], dtype=np.int32),
+            dof_indices=np.array([joint.dofadr[0] for joint in joints], dtype=np.int32),
+            actuator_indices=np.array([model.actuator(f"{name}/{joint}").id for joint in JOINT_NAMES], dtype=np.int32),
+            tip_site=int(model.site(f"{name}/{prefix}{SHAFT_TIP}").id),
         )
 
     return Scene(

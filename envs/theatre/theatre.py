@@ -200,14 +200,10 @@ class Theatre:
         offset = arm.trocar_in_world - self.data.site_xpos[arm.tip_site]
         return float(np.linalg.norm(offset - (offset @ axis) * axis))
 
-    def stage_displacement_m(self) -> float:
-        """Return how far the stage is from its middle position now, towards the scope."""
-        return self.motion.displacement(self.now_ns * 1e-9)
-
     def _place_stage(self) -> None:
-        self.data.mocap_pos[self._stage_mocap] = self._stage_in_world
-        self.data.mocap_pos[self._stage_mocap, :2] += self.config.travel.displacement(self.now_ns * 1e-9)
-        self.data.mocap_pos[self._stage_mocap, 2] += self.stage_displacement_m()
+        time_s = self.now_ns * 1e-9
+        moved = [*self.config.travel.displacement(time_s), self.motion.displacement(time_s)]
+        self.data.mocap_pos[self._stage_mocap] = self._stage_in_world + moved
 
     def _settle(self) -> Array:
         """Let the tissue come to rest under gravity with the arms at home, and return the positions."""
