@@ -73,12 +73,6 @@ class CalibrationBoard:
         return np.column_stack([grid_x.ravel(), grid_y.ravel(), np.zeros(across * down)])
 
     @property
-    def size_m(self) -> tuple[float, float]:
-        """Width and height with the border."""
-        square, border = self.square_mm * _MM, self.border_mm * _MM
-        return self.columns * square + 2.0 * border, self.rows * square + 2.0 * border
-
-    @property
     def centre(self) -> NDArray[np.float64]:
         """Middle of the board in its frame, (3,), metres."""
         return np.array([0.5 * self.columns - 1.0, 0.5 * self.rows - 1.0, 0.0]) * (self.square_mm * _MM)

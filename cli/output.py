@@ -106,6 +106,10 @@ class OutputFolder:
         with self.artefact(name) as path:
             path.write_text(text, encoding="utf-8")
 
+    def write_json(self, name: str, values: Any) -> None:
+        """Write an artefact as JSON; numbers that are not finite become null."""
+        self.write_text(name, json.dumps(plain(values), indent=2, allow_nan=False) + "\n")
+
     def write_summary(self, results: Mapping[str, Any], *, config: Any, seed: int | None) -> dict[str, Any]:
         """Write `summary.json`, the last artefact of a command, and return what was written.
 
@@ -123,7 +127,7 @@ class OutputFolder:
             "artefacts": list(self._artefacts),
             **plain(results),
         }
-        self.write_text(SUMMARY, json.dumps(summary, indent=2, allow_nan=False) + "\n")
+        self.write_json(SUMMARY, summary)
         return summary
 
     def _release(self) -> None:

@@ -1,6 +1,5 @@
 """`laploop collect`: stripe frames paired with captures of the reference camera, by the paper's automated program."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.dataset import PAIRS, verify_dataset
-from laploop.cli.output import OutputFolder, plain
+from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import Inlined, parse
 from laploop.cli.tree_options import FileOptions
 from laploop.envs.sensors.optics.presets import preset_name
@@ -94,6 +93,6 @@ def _describe(store: "PairStore", folder: OutputFolder) -> dict[str, Any]:
         draw_examples(store, statistics, path)
     with folder.artefact("statistics.png") as path:
         draw_statistics(statistics, path)
-    folder.write_text("statistics.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
+    folder.write_json("statistics.json", summary)
     folder.write_text("card.md", write_card(store, summary))
     return summary

@@ -89,6 +89,12 @@ def evenly(path: Array, depth_m: Array, camera: Intrinsics, points: int, length_
     """
     along = path_length_m(path, depth_m, camera)
     places = np.linspace(0.0, along[-1] if length_m is None else min(length_m, along[-1]), points)
+    return between(path, places, along)
+
+
+def between(path: Array, places: Array, along: Array | None = None) -> Array:
+    """Return a path of pixels (n, 2) at the given places along it, (k, 2); by default it is 1 from pixel to pixel."""
+    along = np.arange(len(path)) if along is None else along
     return np.stack([np.interp(places, along, path[:, axis]) for axis in range(2)], axis=-1)
 
 

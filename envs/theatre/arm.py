@@ -18,8 +18,7 @@ class Arm:
     """An arm with its shaft; indices are into the model's arrays, joints in URDF order."""
 
     name: str
-    prefix: str
-    """Prefix of all its names in the model."""
+    """With a slash, the prefix of all its names in the model."""
     shaft: Shaft
     world_from_base: Array
     """4x4, pose of the base link."""

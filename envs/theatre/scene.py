@@ -88,7 +88,6 @@ def build_scene(
             array.flags.writeable = False
         return Arm(
             name=name,
-            prefix=f"{name}/",
             shaft=shaft,
             world_from_base=bases[name],
             trocar_in_world=trocar,
