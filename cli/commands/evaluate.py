@@ -100,11 +100,8 @@ def _draw(found: "DepthTable", folder: OutputFolder) -> None:
 
 def _show(found: "DepthTable", rows: "Sequence[RobustnessRow]", path: Path) -> None:
     table = ResultTable(f"{found.frames} frames of {found.tissues} tissues: mean absolute error")
-    for row in found.rows:
-        if row.working_distance_mm == "all":
-            valid = f"; {row.valid.mae_mm:.3g} mm on the {row.valid_fraction:.1%} marked valid"
-            table.row(f"{row.model}, against {row.against}", row.every.mae_mm, f"mm{valid}")
-    for line in rows:
-        valid = f"; {line.valid.mae_mm:.3g} mm on the {line.valid_fraction:.1%} marked valid"
-        table.row(f"{line.model}, {line.condition}", line.every.mae_mm, f"mm{valid}")
+    shown = [(row, f"against {row.against}") for row in found.rows if row.working_distance_mm == "all"]
+    for row, condition in [*shown, *((row, row.condition) for row in rows)]:
+        valid = f"{row.valid.mae_mm:.3g} mm on the {row.valid_fraction:.1%} marked valid"
+        table.row(f"{row.model}, {condition}", row.every.mae_mm, f"mm; {valid}")
     table.show(path)

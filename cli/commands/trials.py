@@ -53,8 +53,8 @@ def main(arguments: Sequence[str]) -> int:
         table.row(f"final target error, {name}", value, "mm")
     table.row("contact force", results["contact_force_n"]["max"], "N, worst")
     table.row("force at a trocar", results["port_force_n"]["max"], "N, worst, sideways")
-    table.row("trocar error, camera arm", results["rcm_error_mm"]["camera_max"], "mm, worst")
-    table.row("trocar error, tool arm", results["rcm_error_mm"]["tool_max"], "mm, worst")
+    for arm in ("camera", "tool"):
+        table.row(f"trocar error, {arm} arm", results["rcm_error_mm"][f"{arm}_max"], "mm, worst")
     for name, value in results["metrics"].items():
         table.row(f"{name.replace('_', ' ')}, mean", value["mean"])
     failed = [row["seed"] for row in rows if row["error"] is not None]

@@ -44,8 +44,7 @@ class StripeCamera(RayCamera):
         Args:
             rig: Geometry of camera, projector and mask.
             optics: The optical model; by default the nominal one.
-            device: See `RayCamera`.
-            threads: See `RayCamera`.
+            device, threads: As for `RayCamera`.
             mask_columns: Columns of the mask's table, see `MaskTable.from_mask`; fewer make a camera with a new mask sooner.
 
         Raises:
@@ -106,8 +105,7 @@ class StripeCamera(RayCamera):
         """Take an image of the scene as it is now.
 
         Args:
-            data: See `exact`.
-            world_from_camera: See `exact`.
+            data, world_from_camera: As for `exact`.
             rng: Source of the shot and read noise; None takes the expected image.
 
         Raises:

@@ -62,11 +62,7 @@ class ActuationConfig:
         return replace(limited, cycle_ms=2.0, delay_ms=34.0, lag_ms=20.0)
 
     def check_timestep(self, timestep_ns: int) -> None:
-        """Check that the robot's cycle is a whole number of physics steps.
-
-        Raises:
-            InvalidValueError: If it is not.
-        """
+        """Raise an InvalidValueError unless the robot's cycle is a whole number of physics steps."""
         if self.cycle_ns % timestep_ns:
             step = f"{timestep_ns * 1e-6:g} ms"
             raise InvalidValueError("cycle_ms", self.cycle_ms, f"a multiple of the physics step, {step}")

@@ -51,11 +51,7 @@ class TheatreConfig:
     """Geometry of the laparoscope's camera and projector."""
 
     def check_timestep(self, timestep_ns: int) -> None:
-        """Check that trocar and actuation fit the physics step.
-
-        Raises:
-            InvalidValueError: If one does not.
-        """
+        """Raise an InvalidValueError unless trocar and actuation fit the physics step."""
         for name, part in (("trocar", self.trocar), ("actuation", self.actuation)):
             try:
                 part.check_timestep(timestep_ns)

@@ -104,10 +104,6 @@ def check_file(what: str, path: Path | str, remedy: str) -> Path:
 
 
 def check_range(name: str, value: float, low: float, high: float) -> None:
-    """Raise unless the value of a field is a number from `low` to `high`.
-
-    Raises:
-        InvalidValueError: If it lies outside or is not a number.
-    """
+    """Raise an InvalidValueError unless the value of a field is a number from `low` to `high`."""
     if not low <= value <= high:
         raise InvalidValueError(name, value, f"{low:g} to {high:g}")

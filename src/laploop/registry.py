@@ -49,11 +49,7 @@ class Registry(Generic[T]):
         self._entries.pop(name, None)
 
     def check(self, name: str) -> None:
-        """Raise unless the name is known, or has the form `module:attribute`; imports nothing.
-
-        Raises:
-            UnknownNameError: If it is neither.
-        """
+        """Raise an UnknownNameError unless the name is known, or has the form `module:attribute`; imports nothing."""
         if not _is_path(name) and name not in self._entries and name not in self._installed():
             raise UnknownNameError(self.kind, name, self.names())
 
