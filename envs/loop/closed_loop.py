@@ -15,7 +15,7 @@ from laploop.envs.loop.miscalibrated_arm import MiscalibratedArm, MiscalibratedS
 from laploop.envs.loop.perception_server import CapturedFrame, PerceptionServer, ServedFrame
 from laploop.envs.loop.proprioception import Proprioception, ProprioceptiveReading
 from laploop.envs.loop.stage_timer import StageTimer
-from laploop.envs.recording.recorder import DepthRecord, FrameRecord, NullRecorder, Recorder
+from laploop.envs.recording.recorder import ARM_NAMES, DepthRecord, FrameRecord, NullRecorder, Recorder
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.theatre.theatre import Theatre
@@ -85,7 +85,7 @@ class ClosedLoop:
         self.scope = MiscalibratedScope(self.theatre, None if exact else errors.draw(scope_rng))
         self._tool_controller = self._controller(self.tool)
         self._scope_controller = self._controller(self.scope) if self._moves_scope else None
-        self._injector = FaultInjector(self.config.faults)
+        self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
         self._camera = StripeCamera(self.rig, self.config.optics, device=self.config.device)
         self._camera.attach(self.theatre.model, rng=texture_rng, appearance=self.theatre.config.tissue.appearance)
@@ -95,10 +95,7 @@ class ClosedLoop:
         self.frame_count = 0
         models = {"camera": self.scope.model, "tool": self.tool.model}
         self.watch = LimitMonitor(self.theatre, models, self.config.rcm, self.config.control_s)
-        self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
-        self.max_port_force_n = {"camera": 0.0, "tool": 0.0}
-        self.max_port_friction_n = {"camera": 0.0, "tool": 0.0}
-        self.max_force_n = self.mean_force_n = 0.0
+        self._forget_extremes()
         self.first_captured: CapturedFrame | None = None
         self.newest_captured: CapturedFrame | None = None
         self.newest_served: ServedFrame | None = None
@@ -147,10 +144,7 @@ class ClosedLoop:
                 self.watch.commanded("camera", qdot)
         self.timer.complete("control")
         self._proprioception.before_control_period()
-        self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
-        self.max_port_force_n = {"camera": 0.0, "tool": 0.0}
-        self.max_port_friction_n = {"camera": 0.0, "tool": 0.0}
-        self.max_force_n = self.mean_force_n = 0.0
+        self._forget_extremes()
         served: list[ServedFrame] = []
         for remaining in reversed(range(rates.physics_steps_per_control)):
             with self.timer.measure("physics"):
@@ -203,14 +197,6 @@ class ClosedLoop:
         """Length of the scope's shaft inside the wall, by its kinematics."""
         return float(np.linalg.norm(self.scope.trocar_in_world - self.scope.tip_pose_in_world()[:3, 3]))
 
-    def active_faults(self) -> tuple[str, ...]:
-        """Return the injected faults that last now."""
-        return self._injector.active(self.now_ns)
-
-    def corrupted_action(self, action: Array) -> Array:
-        """Return what an injected fault makes of an action."""
-        return self._injector.action(action, self.now_ns)
-
     def tip_velocity_of_joints(self, qdot: Array) -> Array:
         """Return the velocity of the moved arm's tip, (3,) m/s along the camera's axes, that joint velocities produce.
 
@@ -223,7 +209,7 @@ class ClosedLoop:
 
     def reading(self) -> ProprioceptiveReading:
         """Return what the tool arm's own channels deliver now."""
-        return self._injector.reading(self._proprioception.read(), self.now_ns)
+        return self.injector.reading(self._proprioception.read(), self.now_ns)
 
     def control_input(self, target_pixel: Array) -> ControlInput:
         """Gather everything that a tip controller may know, except what only its task knows.
@@ -258,6 +244,12 @@ class ClosedLoop:
             self._server.close()
             self._server = None
 
+    def _forget_extremes(self) -> None:
+        self.max_rcm_error_m, self.max_port_force_n, self.max_port_friction_n = (
+            dict.fromkeys(ARM_NAMES, 0.0) for _ in range(3)
+        )
+        self.max_force_n = self.mean_force_n = 0.0
+
     def _running_server(self) -> PerceptionServer:
         if self._server is None:
             raise SimulationError("no episode is running; call reset() first")
@@ -271,7 +263,7 @@ class ClosedLoop:
     def _within_reach(self, arm: MiscalibratedArm, controller: RcmController, wanted: Array) -> Array:
         """Return the velocity of the moved arm's tip, (3,) m/s in the world, that faults leave possible."""
         period_s, axis = self.config.control_s, arm.shaft_axis_in_world()
-        velocity, self._out_of_reach = self._injector.velocity(wanted, axis, controller.insertion_m, period_s, self.now_ns)
+        velocity, self._out_of_reach = self.injector.velocity(wanted, axis, controller.insertion_m, period_s, self.now_ns)
         return velocity
 
     def _status(self, controller: RcmController) -> RcmStatus:
@@ -311,7 +303,7 @@ class ClosedLoop:
         server, now_ns = self._running_server(), self.now_ns
         while self._in_transfer and self._in_transfer[0].frame.available_ns <= now_ns:
             server.submit(self._in_transfer.pop(0))
-        arrived = self._injector.depth_frames(server.poll(now_ns), self._markers, now_ns)
+        arrived = self.injector.depth_frames(server.poll(now_ns), self._markers, now_ns)
         served: list[ServedFrame] = []
         for one in arrived:
             if self.newest_served is not None and one.depth.captured_ns <= self.newest_served.depth.captured_ns:

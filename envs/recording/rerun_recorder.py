@@ -18,7 +18,8 @@ from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.geometry import Rig, transform_points
 
 if TYPE_CHECKING:
-    from laploop.envs.theatre.theatre import Arm, Theatre
+    from laploop.envs.theatre.arm import Arm
+    from laploop.envs.theatre.theatre import Theatre
 
 TIMELINE = "sim_time"
 FRAME_TIMELINE = "frame"

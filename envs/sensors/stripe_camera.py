@@ -44,7 +44,8 @@ class StripeCamera(RayCamera):
         Args:
             rig: Geometry of camera, projector and mask.
             optics: The optical model; by default the nominal one.
-            device, threads: As for `RayCamera`.
+            device: See `RayCamera`.
+            threads: See `RayCamera`.
             mask_columns: Columns of the mask's table, see `MaskTable.from_mask`; fewer make a camera with a new mask sooner.
 
         Raises:
@@ -105,7 +106,8 @@ class StripeCamera(RayCamera):
         """Take an image of the scene as it is now.
 
         Args:
-            data, world_from_camera: As for `exact`.
+            data: See `exact`.
+            world_from_camera: See `exact`.
             rng: Source of the shot and read noise; None takes the expected image.
 
         Raises:

@@ -111,7 +111,7 @@ class ActionInterpreter:
             known: Returns what a controller may know now; called only where that is needed.
         """
         config = self._config
-        action = self._loop.corrupted_action(action)
+        action = self._loop.injector.action(action, self._loop.now_ns)
         self.fault = None
         command = np.zeros(3)
         if self._controller is not None and config.action_mode == "residual":

@@ -369,7 +369,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             "status": str(status),
             "status_reason": self.loop.status_reason,
             "fault": self._interpreter.fault,
-            "injected_faults": self.loop.active_faults(),
+            "injected_faults": self.loop.injector.active(self.loop.now_ns),
             "assessed": self.is_assessed(),
             "success": succeeded,
             "terminated_by": terminated_by,

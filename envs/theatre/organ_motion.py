@@ -60,22 +60,11 @@ class BaseMotion:
 
     def displacement(self, time_s: float) -> float:
         """Return z(t) in metres; phases that are None count as 0."""
-        return 0.5 * sum(
-            amplitude * math.sin(2.0 * math.pi * hertz * time_s + phase) for amplitude, hertz, phase in self._waves()
-        )
-
-    def velocity(self, time_s: float) -> float:
-        """Return dz/dt in m/s."""
-        return 0.5 * sum(
-            amplitude * 2.0 * math.pi * hertz * math.cos(2.0 * math.pi * hertz * time_s + phase)
-            for amplitude, hertz, phase in self._waves()
-        )
-
-    def _waves(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        return (
+        waves = (
             (self.breathing_peak_to_peak_m, self.breathing_hz, self.breathing_phase_rad or 0.0),
             (self.beating_peak_to_peak_m, self.beating_hz, self.beating_phase_rad or 0.0),
         )
+        return 0.5 * sum(amplitude * math.sin(2.0 * math.pi * hertz * time_s + phase) for amplitude, hertz, phase in waves)
 
 
 @configuration

@@ -24,9 +24,6 @@ from laploop.envs.theatre.tissue import Tissue
 from laploop.envs.theatre.trocar import Trocar
 from laploop.errors import InvalidValueError, SimulationError
 
-__all__ = ["Arm", "Theatre", "TheatreConfig"]
-
-
 _SETTLE_LIMIT_S = 2.0
 _AT_REST_M_S = 1e-6
 

@@ -112,14 +112,9 @@ def alternatives(annotation: Any) -> tuple[Any, ...]:
     return (annotation,)
 
 
+@functools.cache
 def _adapter(kind: Any) -> TypeAdapter[Any]:
-    if kind not in _adapters:
-        _adapters[kind] = TypeAdapter(kind)
-    return _adapters[kind]
-
-
-_adapters: dict[Any, TypeAdapter[Any]] = {}
-"""Made once a class, when it is first needed."""
+    return TypeAdapter(kind)
 
 
 def _with_none(annotations: Sequence[Any], value: Any) -> Any:

@@ -53,7 +53,8 @@ class ReferenceCamera(RayCamera):
 
         Args:
             optics: Geometry and errors; by default the nominal ones, at 2x2 sampling.
-            device, threads: As for `RayCamera`.
+            device: See `RayCamera`.
+            threads: See `RayCamera`.
         """
         self.optics = optics or ReferenceOptics()
         super().__init__(self.optics.rig, device, threads)
@@ -66,7 +67,8 @@ class ReferenceCamera(RayCamera):
         """Measure the scene as it is now.
 
         Args:
-            data, world_from_camera: As for `exact`.
+            data: See `exact`.
+            world_from_camera: See `exact`.
             rng: Source of the noise of points, normals and picture; None leaves it out, but not the camera's scale and bend.
 
         Raises:
