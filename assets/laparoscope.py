@@ -35,7 +35,7 @@ def build_laparoscope(*, shaft: Shaft = LAPAROSCOPE, optics: ScopeOptics | None 
     spec = mujoco.MjSpec()
     spec.modelname = "laparoscope"
     body = spec.worldbody.add_body(name="laparoscope", gravcomp=1.0)
-    common = {
+    common: dict[str, Any] = {
         "group": ARM_GROUP,
         "contype": ARM_COLLISION_BIT,
         "conaffinity": ARM_COLLISION_BIT,

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from laploop.cli.console import ResultTable
 from laploop.cli.output import OutputFolder
@@ -100,7 +100,7 @@ def _draw(found: "DepthTable", folder: OutputFolder) -> None:
 
 def _show(found: "DepthTable", rows: "Sequence[RobustnessRow]", path: Path) -> None:
     table = ResultTable(f"{found.frames} frames of {found.tissues} tissues: mean absolute error")
-    shown = [(row, f"against {row.against}") for row in found.rows if row.working_distance_mm == "all"]
+    shown: list[tuple[Any, str]] = [(row, f"against {row.against}") for row in found.rows if row.working_distance_mm == "all"]
     for row, condition in [*shown, *((row, row.condition) for row in rows)]:
         valid = f"{row.valid.mae_mm:.3g} mm on the {row.valid_fraction:.1%} marked valid"
         table.row(f"{row.model}, {condition}", row.every.mae_mm, f"mm; {valid}")

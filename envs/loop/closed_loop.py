@@ -114,6 +114,12 @@ class ClosedLoop:
                 raise SimulationError(f"no depth frame arrived within {MAX_WAIT_NS * 1e-9:.0f} s of simulated time")
             self.advance(np.zeros(3))
 
+    def _forget_extremes(self) -> None:
+        self.max_rcm_error_m = dict.fromkeys(ARM_NAMES, 0.0)
+        self.max_port_force_n = dict.fromkeys(ARM_NAMES, 0.0)
+        self.max_port_friction_n = dict.fromkeys(ARM_NAMES, 0.0)
+        self.max_force_n = self.mean_force_n = 0.0
+
     def advance(self, tip_velocity_in_camera: Array, scope_velocity_in_camera: Array | None = None) -> list[ServedFrame]:
         """Run one control period.
 
@@ -243,12 +249,6 @@ class ClosedLoop:
         if self._server is not None:
             self._server.close()
             self._server = None
-
-    def _forget_extremes(self) -> None:
-        self.max_rcm_error_m, self.max_port_force_n, self.max_port_friction_n = (
-            dict.fromkeys(ARM_NAMES, 0.0) for _ in range(3)
-        )
-        self.max_force_n = self.mean_force_n = 0.0
 
     def _running_server(self) -> PerceptionServer:
         if self._server is None:

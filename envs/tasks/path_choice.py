@@ -94,8 +94,8 @@ def evenly(path: Array, depth_m: Array, camera: Intrinsics, points: int, length_
 
 def between(path: Array, places: Array, along: Array | None = None) -> Array:
     """Return a path of pixels (n, 2) at the given places along it, (k, 2); by default it is 1 from pixel to pixel."""
-    along = np.arange(len(path)) if along is None else along
-    return np.stack([np.interp(places, along, path[:, axis]) for axis in range(2)], axis=-1)
+    given = np.arange(len(path), dtype=np.float64) if along is None else along
+    return np.stack([np.interp(places, given, path[:, axis]) for axis in range(2)], axis=-1)
 
 
 def path_length_m(path: Array, depth_m: Array, camera: Intrinsics) -> Array:
