@@ -154,13 +154,14 @@ def _assigned(tokens: Sequence[str], known: Mapping[tuple[str, ...], Leaf], kind
         name = token.replace("_", "-")
         name = name if name in names else name.replace(f"--{ROOT}.", "--", 1)
         leaf = names.get(name)
-        if leaf is None and (parent := name.rpartition(".")[0]) in names and _is_table(names[parent]):
-            # An argument of a user's own object.
-            leaf, path = names[parent], (*names[parent].path, name.rpartition(".")[2].replace("-", "_"))
-        elif leaf is None:
-            raise _unknown(token, names, kind)
-        else:
+        parent, _, last = name.rpartition(".")
+        if leaf is not None:
             path = leaf.path
+        elif parent in names and any(get_origin(one) is dict for one in kinds_of(names[parent].annotation)):
+            # An argument of a user's own object.
+            leaf, path = names[parent], (*names[parent].path, last.replace("-", "_"))
+        else:
+            raise _unknown(token, names, kind)
         if not values:
             raise UsageError(f"{token} needs a value{f': {leaf.allowed}' if leaf.allowed else ''}")
         place = plain
@@ -182,10 +183,6 @@ def _options(tokens: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
         else:
             raise unknown_option(token, [])
     return iter(given)
-
-
-def _is_table(leaf: Leaf) -> bool:
-    return any(get_origin(one) is dict for one in kinds_of(leaf.annotation))
 
 
 def _unknown(token: str, names: Mapping[str, Leaf], kind: type) -> LaploopError:

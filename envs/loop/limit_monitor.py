@@ -43,14 +43,6 @@ class LimitMonitor:
     """Keeps the extremes of an episode; reads the theatre and changes nothing."""
 
     def __init__(self, theatre: Theatre, models: Mapping[str, ArmModel], config: RcmControllerConfig, control_s: float) -> None:
-        """Start an episode.
-
-        Args:
-            theatre: Whose state is watched.
-            models: The arms' models, `camera` and `tool`.
-            config: The controllers' limits.
-            control_s: Control period in seconds.
-        """
         self.worst = MotionExtremes()
         self._theatre = theatre
         self._arms = {"camera": theatre.camera_arm, "tool": theatre.tool_arm}

@@ -82,14 +82,7 @@ class ActionInterpreter:
     """Turns the actions of an episode into velocities of the moved tip."""
 
     def __init__(self, config: TaskConfig, loop: ClosedLoop, controller: TipController | None, *, yields: bool) -> None:
-        """Prepare for the actions of a loop.
-
-        Args:
-            config: Action mode, bounds, and what happens without a usable command.
-            loop: The closed loop.
-            controller: What a residual is added to.
-            yields: Whether the moved tip is the tool's, which gives way to tissue that presses on it.
-        """
+        """Add residuals to what the controller commands; a tip that `yields` gives way to tissue that presses on it."""
         self._config = config
         self._loop = loop
         self._controller = controller

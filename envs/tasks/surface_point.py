@@ -16,13 +16,7 @@ class SurfacePoint:
     """A point given by a triangle and its barycentric coordinates, with the smooth normal of the surface there."""
 
     def __init__(self, triangles: IndexArray, face: int, weights: Array) -> None:
-        """Remember the triangle and the triangles around its corners.
-
-        Args:
-            triangles: (m, 3), corners of the surface's triangles, outward by the right-hand rule.
-            face: Index of the triangle that holds the point.
-            weights: (3,), barycentric coordinates, which add up to 1.
-        """
+        """Take a row of the surface's triangles, (m, 3), outward by the right-hand rule, and coordinates in it, (3,)."""
         self._corners = triangles[face]
         self._weights = weights
         touching = np.isin(triangles, self._corners)

@@ -20,14 +20,14 @@ from laploop.envs.loop.perception_server import ServedFrame
 from laploop.envs.recording.recorder import Recorder, TickRecord
 from laploop.envs.tasks.actions import ActionInterpreter, action_space, checked_action
 from laploop.envs.tasks.observations import (
+    DEPTH_MODES,
     MAX_FORCE_N,
+    STRIPE_MODES,
     Observation,
     bounded,
     depth_observation,
     depth_quality,
     observation_space,
-    shows_depth,
-    shows_stripes,
 )
 from laploop.envs.tasks.registry import task_spec
 from laploop.envs.tasks.surface_point import SurfacePoint
@@ -332,8 +332,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         if served is None or newest is None:
             raise SimulationError("no frame yet")
         known = self.control_input()
-        observation: Observation = {"stripes": newest.frame.image.copy()} if shows_stripes(mode) else {}
-        if shows_depth(mode):
+        observation: Observation = {"stripes": newest.frame.image.copy()} if mode in STRIPE_MODES else {}
+        if mode in DEPTH_MODES:
             observation |= depth_observation(served, self.loop.now_ns)
         observation["tip_position"] = bounded(known.tip_in_camera, -1.0, 1.0)
         observation["tip_velocity"] = bounded(known.tip_velocity_in_camera, -1.0, 1.0)

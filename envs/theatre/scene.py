@@ -70,7 +70,10 @@ def build_scene(
     tip = np.array([tip_x, tip_y, stage[2] + top_height + _TIP_CLEARANCE_M])
     scope_trocar = np.array([0.0, 0.0, layout.wall_z_m])
     tool_trocar = np.array([layout.tool_trocar_x_m, 0.0, layout.wall_z_m])
-    bases = _bases(layout)
+    bases = {
+        CAMERA_ARM: _transform(np.eye(3), np.array([layout.camera_base_x_m, 0.0, 0.0])),
+        TOOL_ARM: _transform(np.diag([-1.0, -1.0, 1.0]), np.array([layout.tool_base_x_m, 0.0, 0.0])),
+    }
     model = _compile(
         config,
         mesh,
@@ -164,14 +167,6 @@ def _compile(
     spec.attach(build_stage(), prefix="stage/", frame=spec.worldbody.add_frame(pos=stage))
     spec.attach(build_phantom(mesh, config.tissue), prefix="phantom/", frame=spec.body(STAGE_PLATE).add_frame())
     return spec.compile()
-
-
-def _bases(layout: TheatreLayout) -> dict[str, Array]:
-    half_turn = np.diag([-1.0, -1.0, 1.0])
-    return {
-        CAMERA_ARM: _transform(np.eye(3), np.array([layout.camera_base_x_m, 0.0, 0.0])),
-        TOOL_ARM: _transform(half_turn, np.array([layout.tool_base_x_m, 0.0, 0.0])),
-    }
 
 
 def _tool_pose(tip: Array, trocar: Array) -> Array:
