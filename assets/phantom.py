@@ -38,7 +38,8 @@ def build_phantom(mesh: TissueMesh, config: TissueConfig) -> Any:
     corners = mesh.points[mesh.tetrahedra]
     volumes = np.linalg.det(corners[:, 1:] - corners[:, :1])
     volume = float(volumes.sum() / 6.0)
-    pinned = "" if mesh.fills_box else _pin(_idle_nodes(mesh, config, volumes / 6.0))
+    idle = [] if mesh.fills_box else _idle_nodes(mesh, config, volumes / 6.0).ravel().tolist()
+    pinned = f'<pin grid="{" ".join(map(str, idle))}"/>' if idle else ""
     xml = f"""
 <mujoco model="phantom">
   <option integrator="discrete"/>
@@ -57,10 +58,6 @@ def build_phantom(mesh: TissueMesh, config: TissueConfig) -> Any:
   </worldbody>
 </mujoco>"""
     return mujoco.MjSpec.from_string(xml)
-
-
-def _pin(nodes: NDArray[np.intp]) -> str:
-    return f'<pin grid="{" ".join(map(str, nodes.ravel().tolist()))}"/>' if nodes.size else ""
 
 
 def _idle_nodes(mesh: TissueMesh, config: TissueConfig, volumes: Array) -> NDArray[np.intp]:

@@ -111,13 +111,7 @@ class OutputFolder:
         self.write_text(name, json.dumps(plain(values), indent=2, allow_nan=False) + "\n")
 
     def write_summary(self, results: Mapping[str, Any], *, config: Any, seed: int | None) -> dict[str, Any]:
-        """Write `summary.json`, the last artefact of a command, and return what was written.
-
-        Args:
-            results: What the command adds.
-            config: The resolved configuration, a dataclass or a mapping.
-            seed: None for a command without randomness.
-        """
+        """Write `summary.json`, the last artefact of a command, and return it; `seed` is None for one without randomness."""
         summary = {
             "command": self.command,
             "config": plain(config),

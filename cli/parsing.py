@@ -24,17 +24,10 @@ OutputPath = Annotated[Path, tyro.conf.arg(help="Folder to write to; made where 
 
 
 def parse(kind: type[Arguments], arguments: Sequence[str], command: str, default: Arguments | None = None) -> Arguments:
-    """Read a command's arguments.
-
-    Args:
-        kind: A dataclass whose docstrings describe the options.
-        arguments: What follows the command's name.
-        command: The command's name.
-        default: What holds where no option says otherwise, in place of the fields' own defaults.
+    """Read a command's arguments into a dataclass, where no option says otherwise from `default` or the fields' defaults.
 
     Raises:
         LaploopError: If a value is not allowed, or an option is unknown, missing or of the wrong type.
-        SystemExit: With status 0 after `--help`.
     """
     chosen, rest = parse_known(kind, arguments, command, default)
     if rest:
@@ -135,14 +128,9 @@ def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
         elif field.default_factory is not dataclasses.MISSING:
             default = field.default_factory()
         bounds = allowed(kind, (field.name,)).removesuffix(", or none")
-        text = " ".join(
-            [
-                *docs.get(field.name, "").split(),
-                *([f"({bounds})"] if re.search(r" to |above|below|at (least|most)", bounds) else []),
-            ]
-        )
-        shown: Any = (
-            hints[field.name] if default is not None else Annotated[hints[field.name], _without_none(hints[field.name])]
-        )
+        bounded = re.search(r" to |above|below|at (least|most)", bounds)
+        text = " ".join([*docs.get(field.name, "").split(), *([f"({bounds})"] if bounded else [])])
+        hint = hints[field.name]
+        shown: Any = hint if default is not None else Annotated[hint, _without_none(hint)]
         fields.append(StructFieldSpec(name=field.name, type=shown, default=default, helptext=text))
     return StructConstructorSpec(instantiate=kind, fields=tuple(fields))

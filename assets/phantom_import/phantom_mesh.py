@@ -106,12 +106,7 @@ def _fill(path: Path, points: Array, triangles: NDArray[np.int32], settings: dic
 
 
 def checked_surface(path: Path) -> tuple[Array, NDArray[np.int32]]:
-    """Read and check a surface: points (n, 3) in millimetres and triangles (m, 3), anticlockwise from outside.
-
-    Raises:
-        MissingFileError: As `load_phantom`.
-        InvalidValueError: As `load_phantom`.
-    """
+    """Read and check a surface, as `load_phantom`: points (n, 3) in mm and triangles (m, 3), anticlockwise from outside."""
     surface = _read(_existing(path))
     name = f"phantom {path.name}"
     points, triangles = np.array(surface.vertices, dtype=np.float64), np.array(surface.faces, dtype=np.int32)

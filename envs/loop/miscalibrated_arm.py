@@ -43,15 +43,11 @@ class MiscalibratedArm:
         return pose if self._errors is None else self._nominal_from_true() @ pose
 
     def tip_velocity_of_joints(self, q: Array, qdot: Array) -> Array:
-        """Return the velocity of the tip, (3,) m/s in the world, that joint velocities produce once they respect the trocar.
+        """Return the tip's velocity, (3,) m/s in the world, by joint speeds, (6,) rad/s, once they respect the trocar.
 
         With x the tip, t the trocar, and J the tip's Jacobian, the shaft's point at the trocar moves by
         `(J_v - skew(t - x) J_w) dq`; its part across the shaft must vanish, and the nearest dq for which it does is the
         orthogonal projection onto the null space of these rows.
-
-        Args:
-            q: (6,), rad.
-            qdot: (6,), rad/s.
         """
         pose = self.model.world_from_shaft(q)
         jacobian = self.model.tip_jacobian(q)

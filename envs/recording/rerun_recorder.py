@@ -290,11 +290,7 @@ class RerunRecorder(Recorder):
 
 
 def _verify(path: Path) -> None:
-    """Read a recording: Rerun writes it in a thread of its own, which only logs that the disk refuses.
-
-    Raises:
-        RuntimeError, Warning: If it cannot be read to its end.
-    """
+    """Read a recording to its end, or raise: Rerun writes in a thread of its own, which only logs that the disk refuses."""
     with warnings.catch_warnings(action="error"):
         reader = RrdReader(path)
         reader.recordings()

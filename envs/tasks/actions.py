@@ -97,11 +97,9 @@ class ActionInterpreter:
             self._controller.reset()
 
     def velocity(self, action: Array, known: Callable[[], ControlInput]) -> Array:
-        """Return the velocity of the moved tip, (3,) m/s along the camera's axes, that an action stands for.
+        """Return the velocity of the moved tip, (3,) m/s along the camera's axes, that a checked action stands for.
 
-        Args:
-            action: As `checked_action` returns it.
-            known: Returns what a controller may know now; called only where that is needed.
+        What a controller may know now is asked for only where it is needed.
         """
         config = self._config
         action = self._loop.injector.action(action, self._loop.now_ns)

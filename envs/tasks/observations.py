@@ -38,13 +38,7 @@ MAX_FORCE_N = 50.0
 
 
 def observation_space(mode: ObservationMode, size: tuple[int, int], extra: dict[str, spaces.Box]) -> spaces.Dict:
-    """Return the space of a mode.
-
-    Args:
-        mode: What is observed.
-        size: Height and width of the images.
-        extra: The task's own keys.
-    """
+    """Return the space of a mode with images of `size`, height and width, and with the task's own keys."""
     found: dict[str, spaces.Space[Any]] = {}
     if mode in STRIPE_MODES:
         found["stripes"] = spaces.Box(0, 255, size, np.uint8)

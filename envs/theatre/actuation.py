@@ -104,13 +104,7 @@ class Actuation:
     """Most targets in flight: more than the longest delay holds at one a millisecond."""
 
     def __init__(self, config: ActuationConfig, *, q: Array, timestep_ns: int, control_steps: int) -> None:
-        """Start at rest.
-
-        Args:
-            config: The robot.
-            q: (joints,), rad, the initial position.
-            timestep_ns: The physics step.
-            control_steps: Physics steps from one target to the next: how long a target is extrapolated by its velocity.
+        """Start at rest at q, (joints,) rad; targets are extrapolated by their velocity for `control_steps` physics steps.
 
         Raises:
             InvalidValueError: If the robot's cycle is not a whole number of physics steps, or q lies beyond its limit.

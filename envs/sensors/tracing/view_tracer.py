@@ -88,7 +88,7 @@ class ViewTracer:
         self.albedo_factor: Any = wp.zeros(count, dtype=wp.float32, device=device)
         self._pinhole = True
         self._walk: list[Any] = []
-        self._to_views: list[Any] = []
+        self._to_views: Any = None
         self._rasterise: list[list[Any]] = []
         self.trace: list[Any] = []
         """Recorded launches, one for each of `StripRunner.pixel_strips`; run them after `find_surfaces`."""
@@ -112,16 +112,14 @@ class ViewTracer:
         projector_from_camera = rig.projector_from_camera
         rotation = wp.mat33(*projector_from_camera[:3, :3].ravel())
         offset = wp.vec3(*projector_from_camera[:3, 3])
-        self._to_views = [
-            wp.launch(
-                zbuffer_kernels.to_views,
-                dim=count,
-                inputs=[scene.points, self._pose, rotation, offset, self._camera_view, self._projector_view],
-                outputs=[in_camera, on_camera, in_projector, on_projector],
-                device=device,
-                record_cmd=True,
-            )
-        ]
+        self._to_views = wp.launch(
+            zbuffer_kernels.to_views,
+            dim=count,
+            inputs=[scene.points, self._pose, rotation, offset, self._camera_view, self._projector_view],
+            outputs=[in_camera, on_camera, in_projector, on_projector],
+            device=device,
+            record_cmd=True,
+        )
         self._rasterise = [
             self._record_rasterise(self._camera_view, in_camera, on_camera, scene.corners, self._camera_keys),
             self._record_rasterise(self._projector_view, in_projector, on_projector, scene.corners, self._projector_keys),
@@ -159,8 +157,7 @@ class ViewTracer:
         """Find the triangles behind the pixels of the camera and of the projector's depth map."""
         self._camera_keys.fill_(_NOTHING)
         self._projector_keys.fill_(_NOTHING)
-        for launch in self._to_views:
-            launch.launch()
+        self._to_views.launch()
         if self._pinhole:
             self._runner.run(*self._rasterise)
         else:
