@@ -53,7 +53,6 @@ class CalibrationBoard:
     pixel's area and the lens's blur, which are about as wide. Corners do not move."""
 
     def __post_init__(self) -> None:
-        """Check numbers and widths against each other."""
         if (self.columns + self.rows) % 2 == 0:
             raise InvalidValueError("columns and rows", (self.columns, self.rows), "an even and an odd number")
         if not self.edge_mm <= 0.5 * self.square_mm:
@@ -72,12 +71,6 @@ class CalibrationBoard:
         across, down = self.corner_grid
         grid_y, grid_x = np.mgrid[:down, :across] * (self.square_mm * _MM)
         return np.column_stack([grid_x.ravel(), grid_y.ravel(), np.zeros(across * down)])
-
-    @property
-    def size_m(self) -> tuple[float, float]:
-        """Width and height with the border."""
-        square, border = self.square_mm * _MM, self.border_mm * _MM
-        return self.columns * square + 2.0 * border, self.rows * square + 2.0 * border
 
     @property
     def centre(self) -> NDArray[np.float64]:

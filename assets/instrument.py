@@ -6,7 +6,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from laploop.assets.laparoscope import SHAFT_TIP
+from laploop.assets.laparoscope import SHAFT_TIP, add_rod
 from laploop.assets.shafts import INSTRUMENT, Shaft
 from laploop.assets.ur5 import ARM_COLLISION_BIT, ARM_GROUP
 
@@ -45,49 +45,19 @@ def build_instrument(*, shaft: Shaft = INSTRUMENT) -> Any:
     spec.modelname = "instrument"
     radius = 0.5 * shaft.diameter_m
     body = spec.worldbody.add_body(name="instrument", gravcomp=1.0)
-    arm_contact = {"contype": ARM_COLLISION_BIT, "conaffinity": ARM_COLLISION_BIT, "density": _STEEL}
+    arm_contact: dict[str, Any] = {"contype": ARM_COLLISION_BIT, "conaffinity": ARM_COLLISION_BIT, "density": _STEEL}
     # The tissue's flex has the higher priority and sets the contact's parameters.
-    tissue_contact = {"contype": TISSUE_COLLISION_BIT, "conaffinity": TISSUE_COLLISION_BIT}
+    contact: dict[str, Any] = {"capped": True, "contype": TISSUE_COLLISION_BIT, "conaffinity": TISSUE_COLLISION_BIT}
     steel = [0.75, 0.76, 0.78, 1.0]
-    body.add_geom(
-        name="holder",
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        fromto=[0.0, 0.0, 0.0, 0.0, 0.0, HOLDER_LENGTH_M],
-        size=[0.018, 0.0, 0.0],
-        group=ARM_GROUP,
-        rgba=[0.25, 0.25, 0.28, 1.0],
-        **{**arm_contact, "density": 1500.0},
-    )
+    dark, holder_contact = [0.25, 0.25, 0.28, 1.0], {**arm_contact, "density": 1500.0}
     taper_start = shaft.length_m - NECK_LENGTH_M - TAPER_LENGTH_M
-    body.add_geom(
-        name="shaft",
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-        fromto=[0.0, 0.0, HOLDER_LENGTH_M, 0.0, 0.0, taper_start],
-        size=[radius, 0.0, 0.0],
-        group=VISIBLE_GROUP,
-        rgba=steel,
-        **arm_contact,
-    )
-    body.add_geom(
-        name="distal_shaft_contact",
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=[0.0, 0.0, taper_start - _DISTAL_LENGTH_M, 0.0, 0.0, taper_start],
-        size=[radius, 0.0, 0.0],
-        group=COLLISION_GROUP,
-        mass=0.0,
-        **tissue_contact,
-    )
+    distal_start = taper_start - _DISTAL_LENGTH_M
+    add_rod(body, "holder", 0.0, HOLDER_LENGTH_M, 0.018, group=ARM_GROUP, rgba=dark, **holder_contact)
+    add_rod(body, "shaft", HOLDER_LENGTH_M, taper_start, radius, group=VISIBLE_GROUP, rgba=steel, **arm_contact)
+    add_rod(body, "distal_shaft_contact", distal_start, taper_start, radius, group=COLLISION_GROUP, mass=0.0, **contact)
     tip = body.add_body(name=TIP, pos=[0.0, 0.0, shaft.length_m], gravcomp=1.0)
-    tip.add_geom(
-        name="tip",
-        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-        fromto=[0.0, 0.0, -NECK_LENGTH_M, 0.0, 0.0, 0.0],
-        size=[shaft.tip_radius_m, 0.0, 0.0],
-        group=VISIBLE_GROUP,
-        density=_STEEL,
-        rgba=steel,
-        **tissue_contact,
-    )
+    ball: dict[str, Any] = {"group": VISIBLE_GROUP, "density": _STEEL, "rgba": steel}
+    add_rod(tip, "tip", -NECK_LENGTH_M, 0.0, shaft.tip_radius_m, **ball, **contact)
     _add_taper(spec, tip, top_radius=radius, end_radius=shaft.tip_radius_m, rgba=steel)
     tip.add_site(name=SHAFT_TIP, size=[0.0005, 0.0005, 0.0005], group=4)
     return spec

@@ -35,27 +35,14 @@ def build_laparoscope(*, shaft: Shaft = LAPAROSCOPE, optics: ScopeOptics | None 
     spec = mujoco.MjSpec()
     spec.modelname = "laparoscope"
     body = spec.worldbody.add_body(name="laparoscope", gravcomp=1.0)
-    common = {
-        "type": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    common: dict[str, Any] = {
         "group": ARM_GROUP,
         "contype": ARM_COLLISION_BIT,
         "conaffinity": ARM_COLLISION_BIT,
         "density": _DENSITY,
     }
-    body.add_geom(
-        name="scope_holder",
-        fromto=[0.0, 0.0, 0.0, 0.0, 0.0, HOLDER_LENGTH_M],
-        size=[0.02, 0.0, 0.0],
-        rgba=[0.25, 0.25, 0.28, 1.0],
-        **common,
-    )
-    body.add_geom(
-        name="scope_shaft",
-        fromto=[0.0, 0.0, HOLDER_LENGTH_M, 0.0, 0.0, shaft.length_m],
-        size=[0.5 * shaft.diameter_m, 0.0, 0.0],
-        rgba=[0.1, 0.1, 0.11, 1.0],
-        **common,
-    )
+    add_rod(body, "scope_holder", 0.0, HOLDER_LENGTH_M, 0.02, rgba=[0.25, 0.25, 0.28, 1.0], **common)
+    add_rod(body, "scope_shaft", HOLDER_LENGTH_M, shaft.length_m, 0.5 * shaft.diameter_m, rgba=[0.1, 0.1, 0.11, 1.0], **common)
     half = 0.5 * optics.baseline_m
     for name, x in ((SHAFT_TIP, 0.0), (CAMERA, -half), (PROJECTOR, half)):
         body.add_site(name=name, pos=[x, 0.0, shaft.length_m], size=[0.001, 0.001, 0.001], group=4)
@@ -68,6 +55,12 @@ def build_laparoscope(*, shaft: Shaft = LAPAROSCOPE, optics: ScopeOptics | None 
         resolution=[optics.width, optics.height],
     )
     return spec
+
+
+def add_rod(body: Any, name: str, start_m: float, end_m: float, radius_m: float, *, capped: bool = False, **more: Any) -> None:
+    """Add a round rod along a body's z axis, a capsule where it is `capped` by hemispheres beyond its ends."""
+    kind = mujoco.mjtGeom.mjGEOM_CAPSULE if capped else mujoco.mjtGeom.mjGEOM_CYLINDER
+    body.add_geom(name=name, type=kind, fromto=[0.0, 0.0, start_m, 0.0, 0.0, end_m], size=[radius_m, 0.0, 0.0], **more)
 
 
 def _vertical_fov_deg(optics: ScopeOptics) -> float:

@@ -17,6 +17,7 @@ STAGE_PLATE_SIDE_M = 0.28
 STAGE_PLATE_THICKNESS_M = 0.008
 
 _RING_SEGMENTS = 16
+_DISPLAY = {"group": ARM_GROUP, "contype": 0, "conaffinity": 0}
 _SKIN = [0.87, 0.72, 0.62, 0.35]
 
 
@@ -54,10 +55,8 @@ def build_operating_table(
         type=mujoco.mjtGeom.mjGEOM_BOX,
         pos=[0.06, 0.0, wall_height_m],
         size=[0.20, 0.18, 0.001],
-        group=ARM_GROUP,
-        contype=0,
-        conaffinity=0,
         rgba=_SKIN,
+        **_DISPLAY,
     )
     for name, position in trocars.items():
         if position.shape != (3,) or not math.isclose(float(position[2]), wall_height_m, abs_tol=1e-9):
@@ -99,8 +98,6 @@ def _add_trocar(world: Any, name: str, position: NDArray[np.float64], radius: fl
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,
             fromto=[*start, *end],
             size=[0.002, 0.0, 0.0],
-            group=ARM_GROUP,
-            contype=0,
-            conaffinity=0,
             rgba=[0.2, 0.45, 0.6, 1.0],
+            **_DISPLAY,
         )

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.instrument import TISSUE_COLLISION_BIT, VISIBLE_GROUP
 from laploop.assets.tissue_config import TissueConfig
 from laploop.assets.tissue_mesh import TissueMesh
@@ -34,8 +35,11 @@ def build_phantom(mesh: TissueMesh, config: TissueConfig) -> Any:
     cells, nodes = config.cells, config.nodes
     points = " ".join(map(repr, mesh.points.ravel().tolist()))
     elements = " ".join(map(str, mesh.tetrahedra.ravel().tolist()))
-    volume = _volume(mesh)
-    pinned = "" if mesh.fills_box else _pin(_idle_nodes(mesh, config))
+    corners = mesh.points[mesh.tetrahedra]
+    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1])
+    volume = float(volumes.sum() / 6.0)
+    idle = [] if mesh.fills_box else _idle_nodes(mesh, config, volumes / 6.0).ravel().tolist()
+    pinned = f'<pin grid="{" ".join(map(str, idle))}"/>' if idle else ""
     xml = f"""
 <mujoco model="phantom">
   <option integrator="discrete"/>
@@ -56,23 +60,11 @@ def build_phantom(mesh: TissueMesh, config: TissueConfig) -> Any:
     return mujoco.MjSpec.from_string(xml)
 
 
-def _volume(mesh: TissueMesh) -> float:
-    corners = mesh.points[mesh.tetrahedra]
-    edges = corners[:, 1:] - corners[:, :1]
-    return float(np.linalg.det(edges).sum() / 6.0)
-
-
-def _pin(nodes: NDArray[np.intp]) -> str:
-    return f'<pin grid="{" ".join(map(str, nodes.ravel().tolist()))}"/>' if nodes.size else ""
-
-
-def _idle_nodes(mesh: TissueMesh, config: TissueConfig) -> NDArray[np.intp]:
+def _idle_nodes(mesh: TissueMesh, config: TissueConfig, volumes: Array) -> NDArray[np.intp]:
     """Return the nodes (k, 3) of the upper layer that carry less than `_IDLE` of the tissue of a node between full cells."""
     low, high = mesh.points.min(axis=0), mesh.points.max(axis=0)
     cells = np.array([*config.cells, 1])
-    corners = mesh.points[mesh.tetrahedra]
-    volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
-    place = (corners.mean(axis=1) - low) / (high - low) * cells
+    place = (mesh.points[mesh.tetrahedra].mean(axis=1) - low) / (high - low) * cells
     cell = np.minimum(place.astype(np.intp), cells - 1)
     x, y, z = (place - cell).T
     carried = np.zeros(config.nodes[:2])

@@ -12,11 +12,7 @@ Span = tuple[T, T]
 
 
 def check_ordered(ranges: Any) -> None:
-    """Raise unless the lower end of each range of a configuration is not above its upper one.
-
-    Raises:
-        InvalidValueError: If a range is empty.
-    """
+    """Raise an InvalidValueError if the lower end of a range of a configuration is above its upper one."""
     for field in fields(ranges):
         span = getattr(ranges, field.name)
         if isinstance(span, tuple) and not span[0] <= span[1]:

@@ -59,7 +59,6 @@ class StripeMask:
     """Seed of one specimen's edges."""
 
     def __post_init__(self) -> None:
-        """Check that at most one field defines the mask, and that the pattern can be decoded."""
         if self.pattern is not None:
             decode_pattern(self.pattern)
             if self.profile is not None:

@@ -9,10 +9,9 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.ranges import Span, check_ordered
 from laploop.configuration import Field, configuration
-
-Array = NDArray[np.float64]
 
 _TEXTURE_WAVES = 32
 _TEXTURE_WAVELENGTHS_M = (0.008, 0.05)
@@ -62,7 +61,6 @@ class AppearanceRanges:
     detail: Span[Detail] = (0.0, 0.10)
 
     def __post_init__(self) -> None:
-        """Check that no range is empty."""
         check_ordered(self)
 
 

@@ -39,7 +39,6 @@ class TissueShape:
     """Bands of tissue that bridge neighbouring lobes."""
 
     def __post_init__(self) -> None:
-        """Check heights and widths against each other."""
         if not self.floor_m < self.height_m:
             raise InvalidValueError("floor_m", self.floor_m, f"below height_m, {self.height_m:g}")
         if not self.lobe_width_min_m <= self.lobe_width_max_m <= self.side_m:

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.tissue_config import TissueShape
 from laploop.errors import InvalidValueError
 
-Array = NDArray[np.float64]
 Triangles = NDArray[np.int32]
 
 _UNDERSIDE_M = 0.001

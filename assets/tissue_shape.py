@@ -6,12 +6,10 @@ them.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft, ndimage
 
+from laploop.arrays import Array
 from laploop.assets.tissue_config import PATTERN_SIZE, TissueShape
-
-Array = NDArray[np.float64]
 
 
 def height_field(shape: TissueShape, rng: np.random.Generator) -> Array:

@@ -29,7 +29,6 @@ class ResultTable:
     """A short table of named results."""
 
     def __init__(self, title: str) -> None:
-        """Start an empty table."""
         self._table = Table(title=title, title_justify="left", show_header=False, title_style="bold")
         self._table.add_column()
         self._table.add_column(justify="right")

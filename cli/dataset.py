@@ -19,9 +19,6 @@ def dataset_path(given: Path) -> Path:
     """Return the data set inside a folder that `laploop synthesize` or `laploop collect` wrote.
 
     Anything else is taken for the data set itself.
-
-    Raises:
-        InvalidValueError: If the path cannot be looked at.
     """
     try:
         folder = given.expanduser()

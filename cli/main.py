@@ -122,19 +122,15 @@ def _require_working_folder() -> None:
 
 def _help() -> str:
     width = max(map(len, COMMANDS))
-    lines = [f"  {name:<{width}}  {summary}" for name, summary in COMMANDS.items()]
-    return "\n".join(
-        [
-            "usage: laploop <command> [options] --out DIR",
-            "",
-            "Depth-in-the-loop laparoscopic control, simulated end to end.",
-            "",
-            "commands:",
-            *lines,
-            "",
-            "`laploop <command> --help` lists a command's options; `laploop --version` shows the version.",
-            "Every command writes its artefacts into DIR and, last, DIR/summary.json.",
-            "Exit status: 0 done, 1 could not do it, 2 bad input, 130 interrupted, 143 terminated.",
-            "",
-        ]
-    )
+    commands = "\n".join(f"  {name:<{width}}  {summary}" for name, summary in COMMANDS.items())
+    return f"""usage: laploop <command> [options] --out DIR
+
+Depth-in-the-loop laparoscopic control, simulated end to end.
+
+commands:
+{commands}
+
+`laploop <command> --help` lists a command's options; `laploop --version` shows the version.
+Every command writes its artefacts into DIR and, last, DIR/summary.json.
+Exit status: 0 done, 1 could not do it, 2 bad input, 130 interrupted, 143 terminated.
+"""

@@ -34,10 +34,6 @@ class OutputFolder:
     def __init__(self, path: Path | str, command: str) -> None:
         """Make the folder where it does not exist, lock it, and remove what a killed command left half-written.
 
-        Args:
-            path: The folder.
-            command: Name of the command, for the summary.
-
         Raises:
             OutputError: If the folder cannot be made or written, or another command is writing to it.
         """
@@ -70,7 +66,6 @@ class OutputFolder:
             ) from error
 
     def __enter__(self) -> Self:
-        """Return the folder."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -111,17 +106,12 @@ class OutputFolder:
         with self.artefact(name) as path:
             path.write_text(text, encoding="utf-8")
 
+    def write_json(self, name: str, values: Any) -> None:
+        """Write an artefact as JSON; numbers that are not finite become null."""
+        self.write_text(name, json.dumps(plain(values), indent=2, allow_nan=False) + "\n")
+
     def write_summary(self, results: Mapping[str, Any], *, config: Any, seed: int | None) -> dict[str, Any]:
-        """Write `summary.json`, the last artefact of a command.
-
-        Args:
-            results: What the command adds.
-            config: The resolved configuration, a dataclass or a mapping.
-            seed: The seed, None for a command without randomness.
-
-        Returns:
-            What was written.
-        """
+        """Write `summary.json`, the last artefact of a command, and return it; `seed` is None for one without randomness."""
         summary = {
             "command": self.command,
             "config": plain(config),
@@ -131,7 +121,7 @@ class OutputFolder:
             "artefacts": list(self._artefacts),
             **plain(results),
         }
-        self.write_text(SUMMARY, json.dumps(summary, indent=2, allow_nan=False) + "\n")
+        self.write_json(SUMMARY, summary)
         return summary
 
     def _release(self) -> None:

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from contextlib import redirect_stdout, suppress
 from difflib import get_close_matches
+from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import tyro
@@ -17,19 +18,16 @@ from laploop.errors import UsageError
 
 Arguments = TypeVar("Arguments")
 
+Inlined = Annotated[Arguments, tyro.conf.arg(name="")]
+"""A dataclass whose fields are options of the command, without a prefix."""
+OutputPath = Annotated[Path, tyro.conf.arg(help="Folder to write to; made where it does not exist.")]
+
 
 def parse(kind: type[Arguments], arguments: Sequence[str], command: str, default: Arguments | None = None) -> Arguments:
-    """Read a command's arguments.
-
-    Args:
-        kind: A dataclass whose docstrings describe the options.
-        arguments: What follows the command's name.
-        command: The command's name.
-        default: What holds where no option says otherwise, in place of the fields' own defaults.
+    """Read a command's arguments into a dataclass, where no option says otherwise from `default` or the fields' defaults.
 
     Raises:
         LaploopError: If a value is not allowed, or an option is unknown, missing or of the wrong type.
-        SystemExit: With status 0 after `--help`.
     """
     chosen, rest = parse_known(kind, arguments, command, default)
     if rest:
@@ -40,12 +38,7 @@ def parse(kind: type[Arguments], arguments: Sequence[str], command: str, default
 def parse_known(
     kind: type[Arguments], arguments: Sequence[str], command: str, default: Arguments | None = None
 ) -> tuple[Arguments, list[str]]:
-    """Read a command's arguments as `parse` does; return with them what it does not know, in its order.
-
-    Raises:
-        LaploopError: If a value is not allowed, or an option is missing or of the wrong type.
-        SystemExit: With status 0 after `--help`.
-    """
+    """Read a command's arguments as `parse` does; return with them what it does not know, in its order."""
 
     def refuse(event: tyro_errors.ParseErrorEvent) -> None:
         raise _in_one_line(event, arguments)
@@ -135,14 +128,9 @@ def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
         elif field.default_factory is not dataclasses.MISSING:
             default = field.default_factory()
         bounds = allowed(kind, (field.name,)).removesuffix(", or none")
-        text = " ".join(
-            [
-                *docs.get(field.name, "").split(),
-                *([f"({bounds})"] if re.search(r" to |above|below|at (least|most)", bounds) else []),
-            ]
-        )
-        shown: Any = (
-            hints[field.name] if default is not None else Annotated[hints[field.name], _without_none(hints[field.name])]
-        )
+        bounded = re.search(r" to |above|below|at (least|most)", bounds)
+        text = " ".join([*docs.get(field.name, "").split(), *([f"({bounds})"] if bounded else [])])
+        hint = hints[field.name]
+        shown: Any = hint if default is not None else Annotated[hint, _without_none(hint)]
         fields.append(StructFieldSpec(name=field.name, type=shown, default=default, helptext=text))
     return StructConstructorSpec(instantiate=kind, fields=tuple(fields))

@@ -19,13 +19,8 @@ _GRACE_S = 4.0
 def stop_signals(name: str) -> Iterator[list[int]]:
     """Let SIGTERM take the same way out as Ctrl-C, a `KeyboardInterrupt`, which leaves nothing half-written.
 
-    A call into a library may hold that up, or swallow it: after four seconds the process ends in any case.
-
-    Args:
-        name: What to call the command then.
-
-    Yields:
-        The signals received so far.
+    Gives the signals received so far. A call into a library may hold that up, or swallow it: after four seconds the process
+    ends in any case, and says so of the command of that name.
     """
     received: list[int] = []
 

@@ -13,7 +13,6 @@ class PatientStream(io.TextIOBase):
     """A stream that goes quiet when it cannot be written any more, and remembers why."""
 
     def __init__(self, stream: TextIO) -> None:
-        """Write to another stream."""
         self._stream = stream
         self.error: OSError | None = None
         """Why the stream went quiet."""

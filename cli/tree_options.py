@@ -11,11 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
-import tyro
-
-from laploop.cli.parsing import options_of, parse_known, unknown_option
+from laploop.cli.parsing import Inlined, options_of, parse_known, unknown_option
 from laploop.cli.tree import Leaf, kinds_of, leaves, option_name, options_text
 from laploop.configuration import from_plain, to_plain
 from laploop.envs.episode_config import EpisodeConfig, EpisodeOptions
@@ -42,11 +40,7 @@ class FileOptions:
     """Accept module:Class from that file, which runs the code it names."""
 
     def read(self) -> Plain:
-        """Return what the file holds, in the layout of `EpisodeConfig`; empty without a file.
-
-        Raises:
-            LaploopError: If it cannot be read, or names code and is not trusted.
-        """
+        """Return what the file holds, in the layout of `EpisodeConfig`; empty without a file."""
         if self.config is None:
             return {}
         plain = _read(self.config)
@@ -64,8 +58,8 @@ class FileOptions:
 class TreeOptions:
     """What makes an episode."""
 
-    episode: Annotated[EpisodeOptions, tyro.conf.arg(name="")] = field(default_factory=EpisodeOptions)
-    file: Annotated[FileOptions, tyro.conf.arg(name="")] = field(default_factory=FileOptions)
+    episode: Inlined[EpisodeOptions] = field(default_factory=EpisodeOptions)
+    file: Inlined[FileOptions] = field(default_factory=FileOptions)
 
     def tree(self) -> EpisodeConfig:
         """Return the episode of the file with the options in place."""
@@ -76,12 +70,7 @@ class TreeOptions:
 
 
 def parse_tree(kind: type[Arguments], arguments: Sequence[str], command: str) -> tuple[Arguments, list[str]]:
-    """Read the arguments of a command that takes a tree; return with them those that set fields of it, for `with_options`.
-
-    Raises:
-        LaploopError: If a value is not allowed, or an option is missing or of the wrong type.
-        SystemExit: With status 0 after `--help` or `--help-all`.
-    """
+    """Read the arguments of a command that takes a tree; return with them those that set fields of it, for `with_options`."""
     if _EVERYTHING in arguments:
         place = arguments.index("--task") + 1 if "--task" in arguments else len(arguments)
         task = arguments[place] if place < len(arguments) else "reach"
@@ -92,16 +81,7 @@ def parse_tree(kind: type[Arguments], arguments: Sequence[str], command: str) ->
 
 
 def with_options(episode: EpisodeConfig, tokens: Sequence[str], kind: type) -> EpisodeConfig:
-    """Return an episode with those fields changed that options name.
-
-    Args:
-        episode: Where the paths begin.
-        tokens: Options and their values.
-        kind: The command's arguments, whose options are suggested too.
-
-    Raises:
-        LaploopError: If there is no such field, or a value is not allowed.
-    """
+    """Return an episode with those fields changed that options name; `kind`'s own options are suggested for a misspelt one."""
     return with_plain(episode, _assigned(tokens, leaves(episode), kind)) if tokens else episode
 
 
@@ -174,13 +154,14 @@ def _assigned(tokens: Sequence[str], known: Mapping[tuple[str, ...], Leaf], kind
         name = token.replace("_", "-")
         name = name if name in names else name.replace(f"--{ROOT}.", "--", 1)
         leaf = names.get(name)
-        if leaf is None and (parent := name.rpartition(".")[0]) in names and _is_table(names[parent]):
-            # An argument of a user's own object.
-            leaf, path = names[parent], (*names[parent].path, name.rpartition(".")[2].replace("-", "_"))
-        elif leaf is None:
-            raise _unknown(token, names, kind)
-        else:
+        parent, _, last = name.rpartition(".")
+        if leaf is not None:
             path = leaf.path
+        elif parent in names and any(get_origin(one) is dict for one in kinds_of(names[parent].annotation)):
+            # An argument of a user's own object.
+            leaf, path = names[parent], (*names[parent].path, last.replace("-", "_"))
+        else:
+            raise _unknown(token, names, kind)
         if not values:
             raise UsageError(f"{token} needs a value{f': {leaf.allowed}' if leaf.allowed else ''}")
         place = plain
@@ -202,10 +183,6 @@ def _options(tokens: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
         else:
             raise unknown_option(token, [])
     return iter(given)
-
-
-def _is_table(leaf: Leaf) -> bool:
-    return any(get_origin(one) is dict for one in kinds_of(leaf.annotation))
 
 
 def _unknown(token: str, names: Mapping[str, Leaf], kind: type) -> LaploopError:

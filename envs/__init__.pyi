@@ -47,7 +47,7 @@ from .theatre.clock_rates import ClockRates as ClockRates
 from .theatre.config import TheatreConfig as TheatreConfig
 from .theatre.config import TheatreLayout as TheatreLayout
 from .theatre.organ_motion import BaseMotion as BaseMotion
-from .theatre.stage_travel import StageTravel as StageTravel
+from .theatre.organ_motion import StageTravel as StageTravel
 from .theatre.theatre import Theatre as Theatre
 from .theatre.trocar import TrocarConfig as TrocarConfig
 

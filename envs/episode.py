@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -107,7 +108,7 @@ def _summary(config: EpisodeConfig, env: TaskEnv[Any], infos: list[dict[str, Any
         "rcm_error_mm": {f"{arm}_max": max(info["rcm_error_mm"][arm] for info in infos) for arm in ("camera", "tool")},
         "port_force_n": {f"{arm}_max": max(info["port_force_n"][arm] for info in infos) for arm in ("camera", "tool")},
         "contact_force_n": {"max": max(info["contact_force_n"] for info in infos)},
-        "limits": env.loop.watch.worst.as_dict(),
+        "limits": asdict(env.loop.watch.worst),
         "depth_mae_mm": float(np.nanmean([info["depth_mae_mm"] for info in infos])),
         "depth_valid_fraction": float(np.mean([info["depth_valid_fraction"] for info in infos])),
         "depth_age_ms": {"mean": float(np.mean(ages)), "p99": float(np.percentile(ages, 99))},

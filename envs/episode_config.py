@@ -53,7 +53,6 @@ class PerceptionConfig:
     """Further arguments of the estimator, by name."""
 
     def __post_init__(self) -> None:
-        """Check the name."""
         ESTIMATORS.check(self.name)
 
 
@@ -67,7 +66,6 @@ class ControllerConfig:
     """Further arguments of the controller, by name; of a scripted one, fields of its configuration."""
 
     def __post_init__(self) -> None:
-        """Check the name."""
         if self.name != OWN:
             CONTROLLERS.check(self.name)
 
@@ -83,7 +81,6 @@ class PredictorConfig:
     """Further arguments of the predictor, by name."""
 
     def __post_init__(self) -> None:
-        """Check the name."""
         if self.name != OWN:
             PREDICTORS.check(self.name)
         elif self.arguments:

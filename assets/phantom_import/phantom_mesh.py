@@ -19,12 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.phantom_import.self_intersection import crossing_triangles
 from laploop.assets.phantom_import.solid_store import Solid, stored_solid
 from laploop.assets.tissue_mesh import TissueMesh, solid_from_tetrahedra
 from laploop.errors import InvalidValueError, check_file
-
-Array = NDArray[np.float64]
 
 SUFFIXES = (".stl", ".obj", ".ply")
 MAX_TRIANGLES = 50_000
@@ -107,12 +106,7 @@ def _fill(path: Path, points: Array, triangles: NDArray[np.int32], settings: dic
 
 
 def checked_surface(path: Path) -> tuple[Array, NDArray[np.int32]]:
-    """Read and check a surface: points (n, 3) in millimetres and triangles (m, 3), anticlockwise from outside.
-
-    Raises:
-        MissingFileError: As `load_phantom`.
-        InvalidValueError: As `load_phantom`.
-    """
+    """Read and check a surface, as `load_phantom`: points (n, 3) in mm and triangles (m, 3), anticlockwise from outside."""
     surface = _read(_existing(path))
     name = f"phantom {path.name}"
     points, triangles = np.array(surface.vertices, dtype=np.float64), np.array(surface.faces, dtype=np.int32)

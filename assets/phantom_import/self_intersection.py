@@ -5,7 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from laploop.arrays import Array
+
 Pairs = NDArray[np.intp]
 
 _PAIRS_AT_ONCE = 2_000_000

@@ -1,16 +1,11 @@
 """`laploop bench`: how long every stage takes on this machine."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from laploop.cli.console import ResultTable, progress_bar
-from laploop.cli.output import OutputFolder, plain
-from laploop.cli.parsing import parse
+from laploop.cli.output import OutputFolder
+from laploop.cli.parsing import Inlined, OutputPath, parse
 from laploop.studies.timing.bench import BenchConfig, run_bench
 from laploop.studies.timing.bench_result import as_csv, as_markdown
 
@@ -23,9 +18,8 @@ class BenchArguments:
     before the measurement is kept with the results.
     """
 
-    bench: Annotated[BenchConfig, tyro.conf.arg(name="")] = field(default_factory=BenchConfig)
-    out: Path
-    """Folder to write to; made where it does not exist."""
+    bench: Inlined[BenchConfig] = field(default_factory=BenchConfig)
+    out: OutputPath
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -35,7 +29,7 @@ def main(arguments: Sequence[str]) -> int:
         with progress_bar("measuring", 1.0) as advance_to:
             result = run_bench(chosen.bench, advance_to)
         results = result.as_dict()
-        folder.write_text("bench.json", json.dumps(plain(results), indent=2, allow_nan=False) + "\n")
+        folder.write_json("bench.json", results)
         folder.write_text("bench.csv", as_csv(result))
         folder.write_text("bench.md", as_markdown(result))
         folder.write_summary(results, config=chosen, seed=chosen.bench.seed)

@@ -2,12 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import field
-from pathlib import Path
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
-from laploop.cli.parsing import parse
+from laploop.cli.parsing import OutputPath, parse
 from laploop.configuration import Seed, configuration
 from laploop.envs.sensors.optics.presets import PresetName
 from laploop.studies.calibration.config import CalibrationConfig, JointNoise, Views
@@ -35,8 +34,7 @@ class CalibrateArguments:
     joint_noise_rad: JointNoise = 0.0
     """Standard deviation of the joint angles that the arm reports."""
     scope: ScopeOptics = field(default_factory=ScopeOptics)
-    out: Path
-    """Folder to write to; made where it does not exist."""
+    out: OutputPath
 
 
 def main(arguments: Sequence[str]) -> int:

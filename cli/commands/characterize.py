@@ -4,13 +4,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Literal
-
-import tyro
+from typing import Literal
 
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
-from laploop.cli.parsing import parse
+from laploop.cli.parsing import Inlined, OutputPath, parse
 from laploop.studies.characterization.config import CharacterizationConfig
 
 
@@ -21,15 +19,14 @@ class CharacterizeArguments:
     Writes `characterization.png`, `characterization.csv`, `characterization.md`, `profiles.csv` and `summary.json`.
     """
 
-    characterization: Annotated[CharacterizationConfig, tyro.conf.arg(name="")] = field(default_factory=CharacterizationConfig)
+    characterization: Inlined[CharacterizationConfig] = field(default_factory=CharacterizationConfig)
     mask_image: Path | None = None
     """A mask as a grey PNG (grey is transmission), instead of the built-in one; square unless it has upright stripes alone.
     Give its number of periods with `--optics.mask.stripes`."""
     mask_route: Literal["printed", "chrome"] | None = None
     """How the built-in mask was made, which decides how rough the edges of its stripes are; `--optics.mask.edge-seed` chooses
     the specimen. By default its edges are ideal."""
-    out: Path
-    """Folder to write to; made where it does not exist."""
+    out: OutputPath
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -1,17 +1,14 @@
 """`laploop collect`: stripe frames paired with captures of the reference camera, by the paper's automated program."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import tyro
+from typing import TYPE_CHECKING, Any
 
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.dataset import PAIRS, verify_dataset
-from laploop.cli.output import OutputFolder, plain
-from laploop.cli.parsing import parse
+from laploop.cli.output import OutputFolder
+from laploop.cli.parsing import Inlined, parse
 from laploop.cli.tree_options import FileOptions
 from laploop.envs.sensors.optics.presets import preset_name
 from laploop.errors import InvalidValueError
@@ -30,10 +27,10 @@ class CollectArguments:
     takes the tissue, the scope and the optics.
     """
 
-    acquisition: Annotated[AcquisitionConfig, tyro.conf.arg(name="")] = field(default_factory=AcquisitionConfig)
+    acquisition: Inlined[AcquisitionConfig] = field(default_factory=AcquisitionConfig)
     calibration: Path | None = None
     """A calibration.json to reproject with; by default the bench is calibrated first."""
-    file: Annotated[FileOptions, tyro.conf.arg(name="")] = field(default_factory=FileOptions)
+    file: Inlined[FileOptions] = field(default_factory=FileOptions)
     out: Path | None = None
     """Folder to write to; made where it does not exist."""
     verify: Path | None = None
@@ -41,11 +38,7 @@ class CollectArguments:
 
 
 def read_arguments(arguments: Sequence[str]) -> CollectArguments:
-    """Read the arguments; options come before what the configuration file holds.
-
-    Raises:
-        LaploopError: If a value is not allowed.
-    """
+    """Read the arguments; options come before what the configuration file holds."""
     chosen = parse(CollectArguments, arguments, "collect")
     if (loop := chosen.file.loop()) is not None:
         bench = replace(chosen.acquisition.bench, scope=loop.theatre.scope, preset=preset_name(loop.optics))
@@ -100,6 +93,6 @@ def _describe(store: "PairStore", folder: OutputFolder) -> dict[str, Any]:
         draw_examples(store, statistics, path)
     with folder.artefact("statistics.png") as path:
         draw_statistics(statistics, path)
-    folder.write_text("statistics.json", json.dumps(plain(summary), indent=2, allow_nan=False) + "\n")
+    folder.write_json("statistics.json", summary)
     folder.write_text("card.md", write_card(store, summary))
     return summary

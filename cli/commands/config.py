@@ -3,10 +3,8 @@
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated
 
-import tyro
-
+from laploop.cli.parsing import Inlined
 from laploop.cli.tree import toml_text
 from laploop.cli.tree_options import TreeOptions, parse_tree, with_options
 
@@ -19,7 +17,7 @@ class ConfigArguments:
     hold a part of them only; the rest then has the defaults.
     """
 
-    tree: Annotated[TreeOptions, tyro.conf.arg(name="")] = field(default_factory=TreeOptions)
+    tree: Inlined[TreeOptions] = field(default_factory=TreeOptions)
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -2,13 +2,11 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
-
-import tyro
+from typing import TYPE_CHECKING, Any
 
 from laploop.cli.console import ResultTable
 from laploop.cli.output import OutputFolder
-from laploop.cli.parsing import parse
+from laploop.cli.parsing import Inlined, OutputPath, parse
 from laploop.configuration import configuration
 from laploop.studies.depth.config import DepthEvaluation, RobustnessConfig
 
@@ -25,7 +23,7 @@ class EvaluateArguments:
     `summary.json`.
     """
 
-    evaluation: Annotated[DepthEvaluation, tyro.conf.arg(name="")] = DepthEvaluation()
+    evaluation: Inlined[DepthEvaluation] = DepthEvaluation()
     dataset: Path
     """Folder that `laploop synthesize` or `laploop collect` wrote, or the data set in it."""
     models: tuple[str, ...] = ("phase", "compact")
@@ -35,8 +33,7 @@ class EvaluateArguments:
     """Also render other conditions than the nominal one (half the light, a large tool, ...), and measure the models there."""
     conditions: RobustnessConfig = RobustnessConfig()
     """How many frames, for --robustness."""
-    out: Path
-    """Folder to write to; made where it does not exist."""
+    out: OutputPath
 
     @property
     def model_names(self) -> tuple[str, ...]:
@@ -103,11 +100,8 @@ def _draw(found: "DepthTable", folder: OutputFolder) -> None:
 
 def _show(found: "DepthTable", rows: "Sequence[RobustnessRow]", path: Path) -> None:
     table = ResultTable(f"{found.frames} frames of {found.tissues} tissues: mean absolute error")
-    for row in found.rows:
-        if row.working_distance_mm == "all":
-            valid = f"; {row.valid.mae_mm:.3g} mm on the {row.valid_fraction:.1%} marked valid"
-            table.row(f"{row.model}, against {row.against}", row.every.mae_mm, f"mm{valid}")
-    for line in rows:
-        valid = f"; {line.valid.mae_mm:.3g} mm on the {line.valid_fraction:.1%} marked valid"
-        table.row(f"{line.model}, {line.condition}", line.every.mae_mm, f"mm{valid}")
+    shown: list[tuple[Any, str]] = [(row, f"against {row.against}") for row in found.rows if row.working_distance_mm == "all"]
+    for row, condition in [*shown, *((row, row.condition) for row in rows)]:
+        valid = f"{row.valid.mae_mm:.3g} mm on the {row.valid_fraction:.1%} marked valid"
+        table.row(f"{row.model}, {condition}", row.every.mae_mm, f"mm; {valid}")
     table.show(path)

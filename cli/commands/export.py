@@ -8,7 +8,7 @@ import tyro
 
 from laploop.cli.console import ResultTable
 from laploop.cli.output import OutputFolder
-from laploop.cli.parsing import parse
+from laploop.cli.parsing import OutputPath, parse
 from laploop.configuration import Field, configuration
 from laploop.errors import InvalidValueError
 from laploop.perception.network_specs import NETWORKS
@@ -39,11 +39,9 @@ class ExportArguments:
     """Weights files, as of several epochs of one training, whose average is written as `MODEL.safetensors`."""
     shares: tuple[Annotated[float, Field(gt=0.0, le=1e6)], ...] = ()
     """Weight of each file in the average; equal by default."""
-    out: Path
-    """Folder to write to; made where it does not exist."""
+    out: OutputPath
 
     def __post_init__(self) -> None:
-        """Refuse names that there are not, and options that exclude each other."""
         NETWORKS.check(self.model)
         if self.random_weights and self.weights is not None:
             raise InvalidValueError("weights", self.weights, "none together with random_weights")

@@ -4,16 +4,15 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
-
-import tyro
+from typing import Any
 
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
+from laploop.cli.parsing import Inlined, OutputPath
 from laploop.cli.tree_options import TreeOptions, parse_tree, with_options
 from laploop.configuration import to_plain
 from laploop.envs.recording.episode_log import EpisodeLog
-from laploop.envs.recording.recorder import STAGES, CompositeRecorder, Recorder
+from laploop.envs.recording.recorder import ARM_NAMES, STAGES, CompositeRecorder, Recorder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,9 +24,8 @@ class RunArguments:
     field of the configuration is an option, such as --loop.camera-hz 50; --help-all lists them.
     """
 
-    tree: Annotated[TreeOptions, tyro.conf.arg(name="")] = field(default_factory=TreeOptions)
-    out: Path
-    """Folder to write to; made where it does not exist."""
+    tree: Inlined[TreeOptions] = field(default_factory=TreeOptions)
+    out: OutputPath
     rerun: bool = True
     """Write the Rerun recording, about 6 MB for a simulated second."""
 
@@ -68,14 +66,11 @@ def _show(summary: Mapping[str, Any], folder: Path, *, recorded: bool) -> None:
         table.row(name.replace("_", " "), value)
     if summary["fault_ticks"]:
         table.row("commands not followed", str(sum(summary["fault_ticks"].values())), ", ".join(summary["fault_ticks"]))
-    table.row("trocar error, camera arm", summary["rcm_error_mm"]["camera_max"], "mm, worst")
-    table.row("trocar error, tool arm", summary["rcm_error_mm"]["tool_max"], "mm, worst")
+    for arm in ARM_NAMES:
+        table.row(f"trocar error, {arm} arm", summary["rcm_error_mm"][f"{arm}_max"], "mm, worst")
     table.row("force at a trocar", max(summary["port_force_n"].values()), "N, worst, sideways")
-    table.row(
-        "joint limits",
-        100.0 * max(value for name, value in summary["limits"].items() if name.endswith("_share")),
-        "% used, worst",
-    )
+    used = max(value for name, value in summary["limits"].items() if name.endswith("_share"))
+    table.row("joint limits", 100.0 * used, "% used, worst")
     table.row("contact force", summary["contact_force_n"]["max"], "N, worst")
     table.row("depth error", summary["depth_mae_mm"], "mm, mean absolute")
     table.row("valid depth", 100.0 * summary["depth_valid_fraction"], "% of the pixels")

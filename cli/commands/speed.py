@@ -1,14 +1,10 @@
 """`laploop speed`: how long a depth model takes for a frame."""
 
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
-from laploop.cli.parsing import parse
+from laploop.cli.parsing import Inlined, OutputPath, parse
 from laploop.configuration import configuration
 from laploop.studies.timing.speed_config import SpeedConfig
 
@@ -21,9 +17,8 @@ class SpeedArguments:
     run at the same time; the machine's load before the measurement is kept with the results.
     """
 
-    speed: Annotated[SpeedConfig, tyro.conf.arg(name="")] = SpeedConfig()
-    out: Path
-    """Folder to write to; made where it does not exist."""
+    speed: Inlined[SpeedConfig] = SpeedConfig()
+    out: OutputPath
 
 
 def main(arguments: Sequence[str]) -> int:

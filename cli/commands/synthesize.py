@@ -3,14 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.dataset import FRAMES, verify_dataset
 from laploop.cli.output import OutputFolder
-from laploop.cli.parsing import parse
+from laploop.cli.parsing import Inlined, parse
 from laploop.cli.tree_options import FileOptions
 from laploop.errors import InvalidValueError
 from laploop.studies.synthesis.config import TrainingFramesConfig
@@ -24,8 +21,8 @@ class SynthesizeArguments:
     `--verify` it checks a data set instead. Of a configuration file it takes the scope.
     """
 
-    frames: Annotated[TrainingFramesConfig, tyro.conf.arg(name="")] = field(default_factory=TrainingFramesConfig)
-    file: Annotated[FileOptions, tyro.conf.arg(name="")] = field(default_factory=FileOptions)
+    frames: Inlined[TrainingFramesConfig] = field(default_factory=TrainingFramesConfig)
+    file: Inlined[FileOptions] = field(default_factory=FileOptions)
     out: Path | None = None
     """Folder to write to; made where it does not exist."""
     verify: Path | None = None
@@ -33,11 +30,7 @@ class SynthesizeArguments:
 
 
 def read_arguments(arguments: Sequence[str]) -> SynthesizeArguments:
-    """Read the arguments; options come before what the configuration file holds.
-
-    Raises:
-        LaploopError: If a value is not allowed.
-    """
+    """Read the arguments; options come before what the configuration file holds."""
     chosen = parse(SynthesizeArguments, arguments, "synthesize")
     if (loop := chosen.file.loop()) is not None:
         frames = replace(chosen.frames, optics=loop.theatre.scope)

@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Annotated
 
 import tyro
 
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
+from laploop.cli.parsing import Inlined, OutputPath
 from laploop.cli.tree_options import FileOptions, parse_tree, with_options, with_plain
 from laploop.configuration import to_plain
 from laploop.studies.episodes.task_table import (
@@ -34,9 +33,8 @@ class TasksArguments:
     """
 
     table: tyro.conf.OmitArgPrefixes[TaskTableConfig] = field(default_factory=TaskTableConfig)
-    file: Annotated[FileOptions, tyro.conf.arg(name="")] = field(default_factory=FileOptions)
-    out: Path
-    """Folder to write to; made where it does not exist."""
+    file: Inlined[FileOptions] = field(default_factory=FileOptions)
+    out: OutputPath
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -10,7 +10,7 @@ import tyro
 
 from laploop.cli.console import ResultTable
 from laploop.cli.output import OutputFolder
-from laploop.cli.parsing import parse
+from laploop.cli.parsing import Inlined, OutputPath, parse
 from laploop.errors import InvalidValueError
 from laploop.perception.network_specs import NETWORKS
 from laploop.perception.training.options import TrainingOptions
@@ -31,11 +31,10 @@ class TrainArguments(Generic[Options]):
 
     model: Annotated[str, tyro.conf.arg(metavar=_MODELS)] = "compact"
     """Which network."""
-    training: Annotated[Options, tyro.conf.arg(name="")]
+    training: Inlined[Options]
     dataset: tuple[Path, ...]
     """Folder that `laploop synthesize` or `laploop collect` wrote, or the data set in it; several are learned together."""
-    out: Path
-    """Folder to write to; made where it does not exist."""
+    out: OutputPath
     against: Literal["exact", "zivid"] = "exact"
     """Which depth to learn: the simulator's, or that of the reference camera after calibration and reprojection."""
     limit: int | None = None

@@ -2,13 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Annotated
-
-import tyro
 
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
+from laploop.cli.parsing import Inlined, OutputPath
 from laploop.cli.tree_options import TreeOptions, parse_tree, with_options
 from laploop.configuration import to_plain
 from laploop.studies.episodes.trials import TrialsConfig, as_csv, as_markdown, run_trials, summarise
@@ -24,13 +21,12 @@ class TrialsArguments:
     configuration is an option, such as --loop.camera-hz 50; --help-all lists them.
     """
 
-    tree: Annotated[TreeOptions, tyro.conf.arg(name="")] = field(default_factory=TreeOptions)
+    tree: Inlined[TreeOptions] = field(default_factory=TreeOptions)
     seeds: int = 30
     """How many episodes; the first has the seed of the configuration, each further one the next."""
     workers: int = 1
     """Processes that run episodes at the same time."""
-    out: Path
-    """Folder to write to; made where it does not exist."""
+    out: OutputPath
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -57,8 +53,8 @@ def main(arguments: Sequence[str]) -> int:
         table.row(f"final target error, {name}", value, "mm")
     table.row("contact force", results["contact_force_n"]["max"], "N, worst")
     table.row("force at a trocar", results["port_force_n"]["max"], "N, worst, sideways")
-    table.row("trocar error, camera arm", results["rcm_error_mm"]["camera_max"], "mm, worst")
-    table.row("trocar error, tool arm", results["rcm_error_mm"]["tool_max"], "mm, worst")
+    for arm in ("camera", "tool"):
+        table.row(f"trocar error, {arm} arm", results["rcm_error_mm"][f"{arm}_max"], "mm, worst")
     for name, value in results["metrics"].items():
         table.row(f"{name.replace('_', ' ')}, mean", value["mean"])
     failed = [row["seed"] for row in rows if row["error"] is not None]

@@ -11,14 +11,13 @@ from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pink import Configuration
 
+from laploop.arrays import Array
 from laploop.control.arm.model import SHAFT_TIP, checked_vector
 from laploop.control.arm.named_limit import NamedLimit
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 GAIN = 0.1
 """Fraction of the clearance left that one step may use: 12.5 per second at 125 Hz, gentle enough for the joints."""

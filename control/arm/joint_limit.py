@@ -1,13 +1,11 @@
 """Position, speed and acceleration limits of all joints in one box."""
 
 import numpy as np
-from numpy.typing import NDArray
 from pink import Configuration
 
+from laploop.arrays import Array
 from laploop.control.arm.model import read_only
 from laploop.control.arm.named_limit import NamedLimit
-
-Array = NDArray[np.float64]
 
 _POSITION_GAIN = 0.5
 """Fraction of the way to a position limit that one step may use."""

@@ -4,13 +4,12 @@ import math
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from laploop.arrays import Array
 from laploop.assets.shafts import Shaft
 from laploop.assets.ur5_description import FLANGE, JOINT_NAMES, urdf_path
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 SHAFT_TIP = "shaft_tip"
 """Name of the operational frame at the shaft's tip."""

@@ -50,11 +50,6 @@ class RcmControllerConfig:
     """Fraction of the posture's error that one step takes out."""
 
     def __post_init__(self) -> None:
-        """Check fields against each other.
-
-        Raises:
-            InvalidValueError: If the insertion limits are not in order or the wall's normal is zero.
-        """
         if self.max_insertion_m is not None and self.max_insertion_m <= self.min_insertion_m:
             raise InvalidValueError("max_insertion_m", self.max_insertion_m, f"above min_insertion_m ({self.min_insertion_m})")
         if self.wall_outwards == (0.0, 0.0, 0.0):

@@ -8,12 +8,13 @@ from typing import Any, TypeVar
 import numpy as np
 import pinocchio as pin
 import qpsolvers
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pink import Configuration, FrameTask, PostureTask, Task, build_ik, solve_ik
 from pink.barriers import Barrier
 from pink.exceptions import NoSolutionFound, NotWithinConfigurationLimits
 from pink.limits import Limit
 
+from laploop.arrays import Array
 from laploop.assets.shafts import Shaft
 from laploop.control.arm.clearance_limits import ShaftClearanceLimit, WallLimit
 from laploop.control.arm.joint_limit import JointBoxLimit
@@ -23,7 +24,6 @@ from laploop.control.arm.rcm_config import RcmControllerConfig
 from laploop.control.arm.rcm_task import InsertionLimit, RcmTask, TipPositionTask, trocar_in_shaft
 from laploop.errors import InfeasibleError, InvalidValueError
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 _PRIMAL_TOLERANCE = 1e-9

@@ -11,14 +11,13 @@ the first two rows of which are the Jacobian of the remote centre of motion, the
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pink import Configuration, Task
 
+from laploop.arrays import Array
 from laploop.control.arm.model import SHAFT_TIP, checked_vector, read_only
 from laploop.control.arm.named_limit import NamedLimit
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 
 def trocar_in_shaft(configuration: Configuration, trocar_in_world: Array) -> Array:
@@ -74,7 +73,6 @@ class RcmTask(Task):
         return trocar_jacobian(configuration, trocar_in_shaft(configuration, self.trocar_in_world))[:2]
 
     def __repr__(self) -> str:
-        """Show the trocar."""
         return f"RcmTask(trocar_in_world={self.trocar_in_world.tolist()}, feedback={self.gain})"
 
 
@@ -100,7 +98,6 @@ class TipPositionTask(Task):
         return np.asarray(rotation @ configuration.get_frame_jacobian(SHAFT_TIP)[:3])
 
     def __repr__(self) -> str:
-        """Show the target."""
         return f"TipPositionTask(target_in_world={self.target_in_world.tolist()}, cost={self.cost})"
 
 

@@ -4,12 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from laploop.arrays import Array
 from laploop.control.arm.model import SHAFT_TIP, ArmModel, checked_vector
 from laploop.errors import InfeasibleError
-
-Array = NDArray[np.float64]
 
 _MAX_ITERATIONS = 200
 _TOLERANCE = 1e-9

@@ -3,14 +3,12 @@
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.shafts import INSTRUMENT, Shaft
 from laploop.configuration import Field, configuration
 from laploop.control.messages import ControlInput
 from laploop.control.targeting.targeting import Target
-
-Array = NDArray[np.float64]
 
 
 @configuration

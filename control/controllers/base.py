@@ -4,9 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration, from_plain, to_plain
 from laploop.control.controllers.approach_geometry import ApproachGeometry
 from laploop.control.controllers.phase import Phase
@@ -15,8 +13,6 @@ from laploop.control.messages import ControlInput
 from laploop.control.prediction.motion_predictor import MotionPredictor
 from laploop.control.targeting.targeting import Target, Targeting, TargetingConfig
 from laploop.perception.geometry import Rig
-
-Array = NDArray[np.float64]
 
 
 @configuration

@@ -3,14 +3,12 @@
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.control.controllers.approach_geometry import ApproachGeometry
 from laploop.control.controllers.tip_motion import TipMotion
 from laploop.control.messages import ControlInput
-
-Array = NDArray[np.float64]
 
 
 @configuration
@@ -34,7 +32,6 @@ class GuardedMove:
     """
 
     def __init__(self, config: GuardedMoveConfig, motion: TipMotion) -> None:
-        """Take distances and speeds."""
         self._config = config
         self._motion = motion
         self.shift = 0.0

@@ -2,16 +2,12 @@
 
 from typing import Annotated, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.control.controllers.approach_geometry import ApproachGeometry
 from laploop.control.controllers.base import ApproachController, ApproachControllerConfig
 from laploop.control.messages import ControlInput
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 
 @configuration
@@ -24,11 +20,6 @@ class HoverControllerConfig(ApproachControllerConfig):
     """Speed along the normal, relative to the tissue, from the approach's stand-off to this one."""
 
     def __post_init__(self) -> None:
-        """Check fields against each other.
-
-        Raises:
-            InvalidValueError: If the stand-off lies beyond the approach's.
-        """
         farthest = self.approach.distances.standoff_m
         if self.standoff_m > farthest:
             raise InvalidValueError("standoff_m", self.standoff_m, f"at most approach.distances.standoff_m ({farthest})")

@@ -3,8 +3,8 @@
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.control.controllers.base import TaskController, TaskControllerConfig
 from laploop.control.controllers.phase import Phase
@@ -12,8 +12,6 @@ from laploop.control.controllers.tip_motion import limited, steady_gain
 from laploop.control.messages import ControlInput
 from laploop.control.targeting.targeting import TargetingConfig
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 
 @configuration
@@ -32,11 +30,6 @@ class LookControllerConfig(TaskControllerConfig):
     """Time since the target was seen after which the camera stands still."""
 
     def __post_init__(self) -> None:
-        """Check that targeting follows the camera.
-
-        Raises:
-            InvalidValueError: If it does not.
-        """
         if not self.targeting.follow_camera:
             raise InvalidValueError("targeting.follow_camera", self.targeting.follow_camera, "true: the camera moves")
 

@@ -2,9 +2,7 @@
 
 from typing import Annotated
 
-import numpy as np
-from numpy.typing import NDArray
-
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.control.controllers.admittance import Admittance
 from laploop.control.controllers.approach_geometry import ApproachGeometry
@@ -12,8 +10,6 @@ from laploop.control.controllers.phase import Phase
 from laploop.control.controllers.touch import TouchController, TouchControllerConfig
 from laploop.control.messages import ControlInput
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 
 @configuration
@@ -32,11 +28,6 @@ class PalpateControllerConfig(TouchControllerConfig):
     """Depth below the seen surface beyond which the tip does not press, whatever the force says."""
 
     def __post_init__(self) -> None:
-        """Check fields against each other.
-
-        Raises:
-            InvalidValueError: If forces are not in order.
-        """
         low, high = self.contact_force_n, self.approach.withdraw_force_n
         if not low <= self.force_n <= high:
             raise InvalidValueError("force_n", self.force_n, f"contact_force_n ({low}) to approach.withdraw_force_n ({high})")

@@ -2,9 +2,7 @@
 
 from typing import Annotated
 
-import numpy as np
-from numpy.typing import NDArray
-
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.control.controllers.admittance import Admittance
 from laploop.control.controllers.approach_geometry import ApproachGeometry
@@ -13,8 +11,6 @@ from laploop.control.controllers.touch import TouchController, TouchControllerCo
 from laploop.control.messages import ControlInput
 from laploop.control.targeting.targeting import TargetingConfig
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 
 @configuration
@@ -31,11 +27,6 @@ class ReachControllerConfig(TouchControllerConfig):
     """How fast the felt surface corrects the seen one while touching."""
 
     def __post_init__(self) -> None:
-        """Check fields against each other.
-
-        Raises:
-            InvalidValueError: If forces are not in order.
-        """
         low, high = self.contact_force_n, self.approach.withdraw_force_n
         if not low <= self.hold_force_n <= high:
             allowed = f"contact_force_n ({low}) to approach.withdraw_force_n ({high})"

@@ -5,8 +5,8 @@ from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.control.controllers.approach_geometry import ApproachDistances, ApproachGeometry
 from laploop.control.controllers.phase import Phase
@@ -15,7 +15,6 @@ from laploop.control.messages import ControlInput
 from laploop.control.targeting.targeting import Target
 from laploop.errors import InvalidValueError
 
-Array = NDArray[np.float64]
 Force = Annotated[float, Field(gt=0.0, le=100.0)]
 
 _LEGS = frozenset({Phase.RISE, Phase.TRAVEL, Phase.DESCEND})
@@ -49,11 +48,6 @@ class SafeApproachConfig:
     """Time without progress after which the target counts as unreachable."""
 
     def __post_init__(self) -> None:
-        """Check fields against each other.
-
-        Raises:
-            InvalidValueError: If forces are not in order.
-        """
         names = ("clear_force_n", "bump_force_n", "withdraw_force_n", "alarm_force_n", "stop_force_n")
         for lower, higher in pairwise(names):
             if getattr(self, higher) < getattr(self, lower):
@@ -64,7 +58,6 @@ class SafeApproach:
     """Brings the tip to a stand-off, then lets a task work, and takes over again whenever something is wrong."""
 
     def __init__(self, config: SafeApproachConfig | None = None) -> None:
-        """Start waiting."""
         self._config = config or SafeApproachConfig()
         self.reset()
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.control.controllers.approach_geometry import ApproachGeometry
 from laploop.control.controllers.hover import HoverController, HoverControllerConfig
@@ -15,8 +15,6 @@ from laploop.control.messages import ControlInput
 from laploop.control.targeting.targeting import Target
 from laploop.errors import InvalidValueError
 from laploop.perception.messages import DepthFrame
-
-Array = NDArray[np.float64]
 
 
 @configuration
@@ -36,11 +34,6 @@ class ScanControllerConfig(HoverControllerConfig):
     """Fraction of the path's pixels that a frame must show for the path to be laid."""
 
     def __post_init__(self) -> None:
-        """Check fields against each other.
-
-        Raises:
-            InvalidValueError: If two that belong together are not in order.
-        """
         super().__post_init__()
         if not self.full_speed_error_m < self.waiting_error_m:
             allowed = f"above full_speed_error_m ({self.full_speed_error_m})"

@@ -1,13 +1,11 @@
 """A path drawn in an image, laid onto the surface."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.control.controllers.approach_geometry import unit
 from laploop.control.targeting.surface_patch import SurfacePatch
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 _SMOOTHING_M = 0.002
 """Standard deviation of the window along the path over which normals are averaged; less than the bends of bowel."""

@@ -4,13 +4,11 @@ import math
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.control.controllers.approach_geometry import ApproachGeometry
 from laploop.control.controllers.phase import Phase
-
-Array = NDArray[np.float64]
 
 _MAX_GAIN_DELAY = 0.4
 """Greatest product of gain and delay."""

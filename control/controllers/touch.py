@@ -3,9 +3,7 @@
 from abc import abstractmethod
 from typing import Annotated, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.control.controllers.approach_geometry import ApproachGeometry
 from laploop.control.controllers.base import ApproachController, ApproachControllerConfig
@@ -13,8 +11,6 @@ from laploop.control.controllers.guarded_move import GuardedMove, GuardedMoveCon
 from laploop.control.controllers.phase import Phase
 from laploop.control.messages import ControlInput
 from laploop.control.targeting.targeting import Target
-
-Array = NDArray[np.float64]
 
 
 @configuration

@@ -1,15 +1,11 @@
 """Hovering close over a point of tissue that moves."""
 
-import numpy as np
-from numpy.typing import NDArray
-
+from laploop.arrays import Array
 from laploop.configuration import configuration
 from laploop.control.controllers.approach_geometry import ApproachGeometry
 from laploop.control.controllers.hover import HoverController, HoverControllerConfig
 from laploop.control.controllers.phase import Phase
 from laploop.control.messages import ControlInput
-
-Array = NDArray[np.float64]
 
 
 @configuration

@@ -29,7 +29,6 @@ class AlphaBetaFilter:
     """An alpha-beta filter of one displacement; a `MotionPredictor` that goes on at the rate measured last."""
 
     def __init__(self, config: AlphaBetaFilterConfig | None = None) -> None:
-        """Start without a measurement."""
         self._config = config or AlphaBetaFilterConfig()
         self.reset()
 
@@ -100,5 +99,4 @@ class HeldMeasurement(AlphaBetaFilter):
     """The predictor that does not predict: the newest measurement, as it stands."""
 
     def __init__(self) -> None:
-        """Start without a measurement."""
         super().__init__(AlphaBetaFilterConfig(alpha=1.0, beta=0.0, max_extrapolation_s=0.0))

@@ -31,7 +31,6 @@ class FilterConsistency:
     """
 
     def __init__(self, filtered: HarmonicFilter, *, horizon_ns: int, window: int) -> None:
-        """Start an empty record of a filter."""
         self.filter = filtered
         self._horizon_ns = horizon_ns
         self._pending: deque[_Forecast] = deque()

@@ -4,13 +4,11 @@ import math
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.control.prediction.harmonic_model import HarmonicModel, Outlook
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 
 @configuration
@@ -33,11 +31,6 @@ class HarmonicNoise:
     """Number of measurements over which its variance is averaged."""
 
     def __post_init__(self) -> None:
-        """Check fields against each other.
-
-        Raises:
-            InvalidValueError: If the measurement's bounds are not in order.
-        """
         if self.measurement_ceiling_m < self.measurement_floor_m:
             allowed = f"at least measurement_floor_m ({self.measurement_floor_m})"
             raise InvalidValueError("measurement_ceiling_m", self.measurement_ceiling_m, allowed)

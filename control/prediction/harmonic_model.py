@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from laploop.arrays import Array
 from laploop.errors import InvalidValueError
 
-Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 

@@ -60,11 +60,6 @@ class RhythmPredictorConfig:
     """It does if its forecasts' mean squared error is below this fraction of the running filter's."""
 
     def __post_init__(self) -> None:
-        """Check fields against each other.
-
-        Raises:
-            InvalidValueError: If two that belong together are not in order.
-        """
         if self.patience < self.persistence:
             raise InvalidValueError("patience", self.patience, f"at least persistence ({self.persistence})")
         for name in ("min_forecasts", "trial"):
@@ -84,7 +79,6 @@ class RhythmPredictor:
     """
 
     def __init__(self, config: RhythmPredictorConfig | None = None) -> None:
-        """Start with nothing known."""
         self._config = config = config or RhythmPredictorConfig()
         self._window = SampleWindow(span_s=config.search.span_s, spacing_s=config.sample_spacing_s)
         self._search = RhythmSearch(config.search, self._window)

@@ -7,14 +7,12 @@ from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.control.prediction.harmonic_model import HarmonicModel, harmonic_model
 from laploop.control.prediction.sample_window import SampleWindow
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 
 @configuration
@@ -31,11 +29,6 @@ class RhythmBand:
     """Spacing of the frequencies that are tried before the best is refined."""
 
     def __post_init__(self) -> None:
-        """Check fields against each other.
-
-        Raises:
-            InvalidValueError: If the bounds are not in order.
-        """
         if self.highest_hz < self.lowest_hz:
             raise InvalidValueError("highest_hz", self.highest_hz, f"at least lowest_hz ({self.lowest_hz})")
 
@@ -73,11 +66,6 @@ class RhythmSearchConfig:
     """Number of frequencies tried in one slice of the search."""
 
     def __post_init__(self) -> None:
-        """Check fields against each other.
-
-        Raises:
-            InvalidValueError: If the spans are not in order or bands overlap.
-        """
         if self.min_span_s > self.span_s:
             raise InvalidValueError("min_span_s", self.min_span_s, f"at most span_s ({self.span_s})")
         if any(slow.highest_hz >= fast.lowest_hz for slow, fast in pairwise(self.bands)):

@@ -3,11 +3,9 @@
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.errors import check_range
-
-Array = NDArray[np.float64]
 
 
 class SampleWindow:

@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.perception.geometry import Intrinsics
 from laploop.perception.messages import DepthFrame
-
-Array = NDArray[np.float64]
 
 
 def sample_depth(frame: DepthFrame, camera: Intrinsics, points: Array) -> tuple[Array, NDArray[np.bool_]]:

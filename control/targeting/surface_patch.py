@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 _TUKEY = 4.685
 """Tuning constant of the biweight: 95 % efficiency on Gaussian noise."""

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.control.messages import ControlInput
 from laploop.control.prediction.alpha_beta import AlphaBetaFilterConfig
@@ -19,8 +19,6 @@ from laploop.control.targeting.tool_occlusion import ToolOcclusion, ToolOutline
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Rig, invert_transform, transform_points
 from laploop.perception.messages import DepthFrame
-
-Array = NDArray[np.float64]
 
 _NEAREST_PERCENTILE = 0.5
 """Of all depths in view, what counts as the nearest; fewer pixels than that may be outliers."""
@@ -56,12 +54,6 @@ class TargetingConfig:
     `ControlInput.world_from_camera`."""
 
     def __post_init__(self) -> None:
-        """Check the prediction's name, and fields against each other.
-
-        Raises:
-            UnknownNameError: If there is no such prediction.
-            InvalidValueError: If two that belong together are not in order.
-        """
         PREDICTORS.check(self.prediction)
         if self.patch_radius_m > self.track_radius_m:
             raise InvalidValueError("patch_radius_m", self.patch_radius_m, f"at most track_radius_m ({self.track_radius_m})")

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.control.prediction.alpha_beta import AlphaBetaFilter, AlphaBetaFilterConfig, HeldMeasurement
 from laploop.control.prediction.motion_predictor import BackgroundWork, MotionPredictor, checked_prediction
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

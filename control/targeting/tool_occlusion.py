@@ -6,10 +6,10 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.shafts import INSTRUMENT, Shaft
 from laploop.configuration import Field, configuration
 
-Array = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _HISTORY_TICKS = 128

@@ -3,20 +3,19 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.control.arm.rcm_controller import RcmController, RcmStatus
 from laploop.control.messages import ControlInput
 from laploop.envs.loop.config import LoopConfig
 from laploop.envs.loop.faults import FaultInjector
 from laploop.envs.loop.kinematic_errors import KinematicErrors
 from laploop.envs.loop.limit_monitor import LimitMonitor
-from laploop.envs.loop.marker_view import visible_pixel
 from laploop.envs.loop.miscalibrated_arm import MiscalibratedArm, MiscalibratedScope, MiscalibratedTool
 from laploop.envs.loop.perception_server import CapturedFrame, PerceptionServer, ServedFrame
 from laploop.envs.loop.proprioception import Proprioception, ProprioceptiveReading
 from laploop.envs.loop.stage_timer import StageTimer
-from laploop.envs.recording.recorder import DepthRecord, FrameRecord, NullRecorder, Recorder
+from laploop.envs.recording.recorder import ARM_NAMES, DepthRecord, FrameRecord, NullRecorder, Recorder
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.theatre.theatre import Theatre
@@ -24,8 +23,6 @@ from laploop.errors import SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
 from laploop.perception.messages import StripeFrame
-
-Array = NDArray[np.float64]
 
 MAX_WAIT_NS = 10_000_000_000
 """How long a reset waits for the first depth frame."""
@@ -89,7 +86,7 @@ class ClosedLoop:
         self.scope = MiscalibratedScope(self.theatre, None if exact else errors.draw(scope_rng))
         self._tool_controller = self._controller(self.tool)
         self._scope_controller = self._controller(self.scope) if self._moves_scope else None
-        self._injector = FaultInjector(self.config.faults)
+        self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
         self._camera = StripeCamera(self.rig, self.config.optics, device=self.config.device)
         self._camera.attach(self.theatre.model, rng=texture_rng, appearance=self.theatre.config.tissue.appearance)
@@ -201,14 +198,6 @@ class ClosedLoop:
         """Length of the scope's shaft inside the wall, by its kinematics."""
         return float(np.linalg.norm(self.scope.trocar_in_world - self.scope.tip_pose_in_world()[:3, 3]))
 
-    def active_faults(self) -> tuple[str, ...]:
-        """Return the injected faults that last now."""
-        return self._injector.active(self.now_ns)
-
-    def corrupted_action(self, action: Array) -> Array:
-        """Return what an injected fault makes of an action."""
-        return self._injector.action(action, self.now_ns)
-
     def tip_velocity_of_joints(self, qdot: Array) -> Array:
         """Return the velocity of the moved arm's tip, (3,) m/s along the camera's axes, that joint velocities produce.
 
@@ -221,7 +210,7 @@ class ClosedLoop:
 
     def reading(self) -> ProprioceptiveReading:
         """Return what the tool arm's own channels deliver now."""
-        return self._injector.reading(self._proprioception.read(), self.now_ns)
+        return self.injector.reading(self._proprioception.read(), self.now_ns)
 
     def control_input(self, target_pixel: Array) -> ControlInput:
         """Gather everything that a tip controller may know, except what only its task knows.
@@ -258,9 +247,9 @@ class ClosedLoop:
 
     def _begin_period(self) -> None:
         """Forget the extremes of the last control period."""
-        self.max_rcm_error_m = {"camera": 0.0, "tool": 0.0}
-        self.max_port_force_n = {"camera": 0.0, "tool": 0.0}
-        self.max_port_friction_n = {"camera": 0.0, "tool": 0.0}
+        self.max_rcm_error_m = dict.fromkeys(ARM_NAMES, 0.0)
+        self.max_port_force_n = dict.fromkeys(ARM_NAMES, 0.0)
+        self.max_port_friction_n = dict.fromkeys(ARM_NAMES, 0.0)
         self.max_force_n = self.mean_force_n = 0.0
 
     def _running_server(self) -> PerceptionServer:
@@ -276,7 +265,7 @@ class ClosedLoop:
     def _within_reach(self, arm: MiscalibratedArm, controller: RcmController, wanted: Array) -> Array:
         """Return the velocity of the moved arm's tip, (3,) m/s in the world, that faults leave possible."""
         period_s, axis = self.config.control_s, arm.shaft_axis_in_world()
-        velocity, self._out_of_reach = self._injector.velocity(wanted, axis, controller.insertion_m, period_s, self.now_ns)
+        velocity, self._out_of_reach = self.injector.velocity(wanted, axis, controller.insertion_m, period_s, self.now_ns)
         return velocity
 
     def _status(self, controller: RcmController) -> RcmStatus:
@@ -316,7 +305,7 @@ class ClosedLoop:
         server, now_ns = self._running_server(), self.now_ns
         while self._in_transfer and self._in_transfer[0].frame.available_ns <= now_ns:
             server.submit(self._in_transfer.pop(0))
-        arrived = self._injector.depth_frames(server.poll(now_ns), self._markers, now_ns)
+        arrived = self.injector.depth_frames(server.poll(now_ns), self._markers, now_ns)
         served: list[ServedFrame] = []
         for one in arrived:
             if self.newest_served is not None and one.depth.captured_ns <= self.newest_served.depth.captured_ns:
@@ -344,4 +333,4 @@ class ClosedLoop:
         """Remember where the target appears in a frame that was captured just now."""
         if captured is not None and self._locate_target is not None:
             place, point = self.theatre.world_from_camera(), self._locate_target()
-            self._markers[captured.frame.index] = visible_pixel(captured, point, place, self.rig.camera)
+            self._markers[captured.frame.index] = captured.visible_pixel(point, place, self.rig.camera)

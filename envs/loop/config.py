@@ -36,7 +36,6 @@ class LoopConfig(ClockRates):
     """Failures of sensors and controller, at chosen times."""
 
     def __post_init__(self) -> None:
-        """Check the rates, the device, and what must fit the physics step."""
         super().__post_init__()
         if not re.fullmatch(r"cpu|cuda(:\d+)?", self.device):
             raise InvalidValueError("device", self.device, "cpu, cuda, or a number behind it as in cuda:0")

@@ -7,13 +7,12 @@ from typing import Annotated, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.envs.loop.perception_server import ServedFrame
 from laploop.envs.loop.proprioception import ProprioceptiveReading
 from laploop.errors import InvalidValueError
 from laploop.perception.messages import DepthEstimate
-
-Array = NDArray[np.float64]
 
 FaultKind = Literal[
     "perception-stops",
@@ -64,7 +63,6 @@ class Fault:
     """What a saturated force sensor reads."""
 
     def __post_init__(self) -> None:
-        """Check begin and end."""
         if not self.start_s < self.end_s:
             raise InvalidValueError("end_s", self.end_s, f"above start_s ({self.start_s:g})")
 
@@ -77,7 +75,6 @@ class FaultInjector:
     """Puts the faults of a schedule between the sensors and their consumers, for one episode."""
 
     def __init__(self, faults: tuple[Fault, ...]) -> None:
-        """Begin an episode."""
         self._faults = faults
         self._jumped: set[Fault] = set()
         self._held: dict[Fault, ServedFrame] = {}

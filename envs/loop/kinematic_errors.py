@@ -4,12 +4,10 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.perception.calibration.results import CameraCalibration
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -2,19 +2,17 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.instrument import HOLDER_LENGTH_M as INSTRUMENT_HOLDER_M
 from laploop.assets.laparoscope import HOLDER_LENGTH_M as LAPAROSCOPE_HOLDER_M
 from laploop.control.arm.clearance_limits import nearest_parameters
 from laploop.control.arm.model import ArmModel
 from laploop.control.arm.rcm_config import RcmControllerConfig
 from laploop.envs.theatre.theatre import Theatre
-
-Array = NDArray[np.float64]
 
 _HOLDER_M = {"camera": LAPAROSCOPE_HOLDER_M, "tool": INSTRUMENT_HOLDER_M}
 _HOLDER_RADIUS_M = 0.020
@@ -40,23 +38,11 @@ class MotionExtremes:
     collision_steps: int = 0
     """Physics steps in which rigid bodies touched: arms, what they hold, and the table."""
 
-    def as_dict(self) -> dict[str, float]:
-        """Return the values by name."""
-        return asdict(self)
-
 
 class LimitMonitor:
     """Keeps the extremes of an episode; reads the theatre and changes nothing."""
 
     def __init__(self, theatre: Theatre, models: Mapping[str, ArmModel], config: RcmControllerConfig, control_s: float) -> None:
-        """Start an episode.
-
-        Args:
-            theatre: Whose state is watched.
-            models: The arms' models, `camera` and `tool`.
-            config: The controllers' limits.
-            control_s: Control period in seconds.
-        """
         self.worst = MotionExtremes()
         self._theatre = theatre
         self._arms = {"camera": theatre.camera_arm, "tool": theatre.tool_arm}

@@ -1,15 +1,13 @@
 """Nominal kinematics: what the robots compute, with their errors, between the theatre's truth and the controllers."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.control.arm.model import ArmModel
 from laploop.envs.loop.kinematic_errors import DrawnErrors
 from laploop.envs.theatre.arm import Arm
 from laploop.envs.theatre.theatre import Theatre
 from laploop.perception.geometry import invert_transform, transform_points
-
-Array = NDArray[np.float64]
 
 
 class MiscalibratedArm:
@@ -45,15 +43,11 @@ class MiscalibratedArm:
         return pose if self._errors is None else self._nominal_from_true() @ pose
 
     def tip_velocity_of_joints(self, q: Array, qdot: Array) -> Array:
-        """Return the velocity of the tip, (3,) m/s in the world, that joint velocities produce once they respect the trocar.
+        """Return the tip's velocity, (3,) m/s in the world, by joint speeds, (6,) rad/s, once they respect the trocar.
 
         With x the tip, t the trocar, and J the tip's Jacobian, the shaft's point at the trocar moves by
         `(J_v - skew(t - x) J_w) dq`; its part across the shaft must vanish, and the nearest dq for which it does is the
         orthogonal projection onto the null space of these rows.
-
-        Args:
-            q: (6,), rad.
-            qdot: (6,), rad/s.
         """
         pose = self.model.world_from_shaft(q)
         jacobian = self.model.tip_jacobian(q)
@@ -81,7 +75,6 @@ class MiscalibratedTool(MiscalibratedArm):
     """The tool arm: what its sensors measure of its tip, as `laploop.envs.loop.proprioception` reads it."""
 
     def __init__(self, theatre: Theatre, errors: DrawnErrors | None) -> None:
-        """Take the tool arm of a theatre at time 0."""
         super().__init__(theatre, theatre.tool_arm, errors)
 
     def tip_in_world(self) -> Array:
@@ -107,7 +100,6 @@ class MiscalibratedScope(MiscalibratedArm):
     """The camera arm: where it and the hand-eye calibration put the camera."""
 
     def __init__(self, theatre: Theatre, errors: DrawnErrors | None) -> None:
-        """Take the camera arm of a theatre at time 0."""
         super().__init__(theatre, theatre.camera_arm, errors)
 
     def world_from_camera(self) -> Array:

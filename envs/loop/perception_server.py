@@ -5,10 +5,18 @@ from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
+import numpy as np
+
+from laploop.arrays import Array
+from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_capture import StripeCapture
 from laploop.perception.estimators.base import DepthEstimator, checked_estimate
 from laploop.perception.estimators.oracle import OracleEstimator
+from laploop.perception.geometry import Intrinsics, invert_transform, transform_points
 from laploop.perception.messages import DepthEstimate, DepthFrame, StripeFrame
+
+_COVERED_MM = 3.0
+"""A point so far behind what its pixel shows is not seen."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -17,6 +25,20 @@ class CapturedFrame:
 
     frame: StripeFrame
     truth: StripeCapture
+
+    def visible_pixel(self, point_in_world: Array, world_from_camera: Array, camera: Intrinsics) -> Array | None:
+        """Return where a point of the tissue, (3,), appears in the frame, (2,), or None where it is out of view or covered."""
+        point = transform_points(invert_transform(world_from_camera), point_in_world)
+        if point[2] <= 0.0:
+            return None
+        pixel = camera.project(point)
+        column, row = int(np.floor(pixel[0])), int(np.floor(pixel[1]))
+        if not (0 <= column < camera.width and 0 <= row < camera.height):
+            return None
+        # Deeper than what the pixel shows by more than the tissue's slope explains: something is in front of it.
+        covered = self.truth.object_id[row, column] != ObjectId.TISSUE
+        covered = covered or point[2] * 1e3 - float(self.truth.depth_mm[row, column]) > _COVERED_MM
+        return None if covered else pixel
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

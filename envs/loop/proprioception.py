@@ -8,30 +8,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 
-Array = NDArray[np.float64]
-
-
-class ProprioceptiveBody(Protocol):
-    """What is measured."""
-
-    def tip_in_world(self) -> Array:
-        """Position of the tip (3,)."""
-        ...
-
-    def tip_velocity_in_world(self) -> Array:
-        """Velocity of the tip (3,)."""
-        ...
-
-    def contact_force_in_world(self) -> Array:
-        """Force on the tip (3,)."""
-        ...
+if TYPE_CHECKING:
+    from laploop.envs.loop.miscalibrated_arm import MiscalibratedTool
 
 
 @configuration
@@ -60,7 +45,7 @@ class ProprioceptiveReading:
 class _Physics:
     """The part of a dm_control `Physics` that an observable uses."""
 
-    def __init__(self, body: ProprioceptiveBody) -> None:
+    def __init__(self, body: "MiscalibratedTool") -> None:
         self.body = body
 
     @contextmanager
@@ -71,7 +56,7 @@ class _Physics:
 class Proprioception:
     """Delayed and corrupted readings of the tool arm."""
 
-    def __init__(self, body: ProprioceptiveBody, config: ProprioceptionConfig, physics_steps_per_control: int) -> None:
+    def __init__(self, body: "MiscalibratedTool", config: ProprioceptionConfig, physics_steps_per_control: int) -> None:
         """Set the channels up; `reset` fills them with the first reading."""
         with warnings.catch_warnings():
             # Without a display, the window library that dm_control loads and we never use complains.

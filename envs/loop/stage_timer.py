@@ -12,7 +12,6 @@ class StageTimer:
     """Collects durations by stage name; a stage may be measured in parts that make one sample together."""
 
     def __init__(self) -> None:
-        """Start without samples."""
         self._samples_s: dict[str, list[float]] = defaultdict(list)
         self._parts_s: dict[str, float] = defaultdict(float)
         self._lap_s: dict[str, float] = defaultdict(float)

@@ -23,7 +23,6 @@ class EpisodeLog(Recorder):
     """
 
     def __init__(self) -> None:
-        """Start empty."""
         self.rig: Rig | None = None
         self.ticks: list[TickRecord] = []
         self._kept: list[DepthRecord] = []

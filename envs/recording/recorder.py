@@ -104,7 +104,6 @@ class CompositeRecorder(Recorder):
     """Hands everything to several recorders, in their order."""
 
     def __init__(self, recorders: Sequence[Recorder]) -> None:
-        """Keep the recorders."""
         self._recorders = tuple(recorders)
 
     def begin(self, theatre: "Theatre", rig: Rig) -> None:

@@ -70,11 +70,7 @@ def legend(rig: Rig) -> str:
 
 
 def episode_blueprint(look_at: NDArray[np.float64]) -> rrb.Blueprint:
-    """Lay out an episode: the theatre and a close-up on the left, images and plots on the right.
-
-    Args:
-        look_at: (3,), the middle of the tissue in the world, metres.
-    """
+    """Lay out an episode: theatre and tissue, whose middle is `look_at`, (3,) m, on the left, images and plots on the right."""
     overview = rrb.Spatial3DView(
         name="Theatre",
         origin="world",

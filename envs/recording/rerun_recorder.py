@@ -18,7 +18,8 @@ from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.geometry import Rig, transform_points
 
 if TYPE_CHECKING:
-    from laploop.envs.theatre.theatre import Arm, Theatre
+    from laploop.envs.theatre.arm import Arm
+    from laploop.envs.theatre.theatre import Theatre
 
 TIMELINE = "sim_time"
 FRAME_TIMELINE = "frame"
@@ -90,7 +91,6 @@ class RerunRecorder(Recorder):
         self._closed = self._kept = False
 
     def __enter__(self) -> Self:
-        """Return the recorder."""
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None) -> None:
@@ -117,7 +117,7 @@ class RerunRecorder(Recorder):
             for series, (label, color) in plot.series.items():
                 lines = rr.SeriesLines(names=[label], colors=[color], widths=[1.5])
                 stream.log(f"plots/{name}/{series}", lines, static=True)
-        bodies = drawn_bodies(model)
+        bodies = tuple(drawn_bodies(model))
         for body in bodies:
             log_shapes(stream, model, body)
             if not body.moves:
@@ -290,11 +290,7 @@ class RerunRecorder(Recorder):
 
 
 def _verify(path: Path) -> None:
-    """Read a recording: Rerun writes it in a thread of its own, which only logs that the disk refuses.
-
-    Raises:
-        RuntimeError, Warning: If it cannot be read to its end.
-    """
+    """Read a recording to its end, or raise: Rerun writes in a thread of its own, which only logs that the disk refuses."""
     with warnings.catch_warnings(action="error"):
         reader = RrdReader(path)
         reader.recordings()

@@ -29,12 +29,8 @@ class DrawnBody:
     """False for a body welded to the world."""
 
 
-def drawn_bodies(model: mujoco.MjModel) -> tuple[DrawnBody, ...]:
-    """Find the bodies to draw; a body named `camera_arm/wrist` becomes the entity `world/camera_arm/wrist`."""
-    return tuple(_drawn_bodies(model))
-
-
-def _drawn_bodies(model: mujoco.MjModel) -> Iterator[DrawnBody]:
+def drawn_bodies(model: mujoco.MjModel) -> Iterator[DrawnBody]:
+    """Yield the bodies to draw; a body named `camera_arm/wrist` becomes the entity `world/camera_arm/wrist`."""
     for body_id in range(model.nbody):
         first = int(model.body_geomadr[body_id])
         geom_ids = tuple(

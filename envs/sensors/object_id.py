@@ -18,7 +18,4 @@ _BY_PREFIX = {"tool_arm/": ObjectId.TOOL, "stage/": ObjectId.STAGE}
 
 def object_id_of_geom(name: str) -> ObjectId:
     """Return the class of a rigid geom by the prefix of its name."""
-    for prefix, object_id in _BY_PREFIX.items():
-        if name.startswith(prefix):
-            return object_id
-    return ObjectId.OTHER
+    return next((found for prefix, found in _BY_PREFIX.items() if name.startswith(prefix)), ObjectId.OTHER)

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from laploop.assets.tissue_appearance import TissueAppearance
 from laploop.envs.sensors.stripe_capture import ExactView
 from laploop.envs.sensors.tracing.device import open_device
-from laploop.envs.sensors.tracing.ray_scene import RayScene
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.envs.sensors.tracing.strip_runner import StripRunner
-from laploop.envs.sensors.tracing.view_tracer import ViewTracer
+from laploop.envs.sensors.tracing.view_tracer import RayScene, ViewTracer
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Intrinsics, Rig
 

@@ -17,19 +17,17 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
+from laploop.arrays import Array, Float32
 from laploop.control.messages import ControlInput, TipController
 from laploop.envs.loop.closed_loop import ClosedLoop
 from laploop.envs.tasks.task_config import TaskConfig
 from laploop.errors import InvalidValueError
 
-Array = NDArray[np.float64]
-
 JOINTS = 6
 
 
-def action_space(config: TaskConfig) -> spaces.Space[NDArray[np.float32]]:
+def action_space(config: TaskConfig) -> spaces.Space[Float32]:
     """Return the space of the actions of a config."""
     bound = action_bound(config)
     size = JOINTS if config.action_mode == "joint-velocity" else 3
@@ -84,14 +82,7 @@ class ActionInterpreter:
     """Turns the actions of an episode into velocities of the moved tip."""
 
     def __init__(self, config: TaskConfig, loop: ClosedLoop, controller: TipController | None, *, yields: bool) -> None:
-        """Prepare for the actions of a loop.
-
-        Args:
-            config: Action mode, bounds, and what happens without a usable command.
-            loop: The closed loop.
-            controller: What a residual is added to.
-            yields: Whether the moved tip is the tool's, which gives way to tissue that presses on it.
-        """
+        """Add residuals to what the controller commands; a tip that `yields` gives way to tissue that presses on it."""
         self._config = config
         self._loop = loop
         self._controller = controller
@@ -106,14 +97,12 @@ class ActionInterpreter:
             self._controller.reset()
 
     def velocity(self, action: Array, known: Callable[[], ControlInput]) -> Array:
-        """Return the velocity of the moved tip, (3,) m/s along the camera's axes, that an action stands for.
+        """Return the velocity of the moved tip, (3,) m/s along the camera's axes, that a checked action stands for.
 
-        Args:
-            action: As `checked_action` returns it.
-            known: Returns what a controller may know now; called only where that is needed.
+        What a controller may know now is asked for only where it is needed.
         """
         config = self._config
-        action = self._loop.corrupted_action(action)
+        action = self._loop.injector.action(action, self._loop.now_ns)
         self.fault = None
         command = np.zeros(3)
         if self._controller is not None and config.action_mode == "residual":

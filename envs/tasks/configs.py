@@ -17,8 +17,7 @@ from laploop.envs.tasks.task_config import (
     Weight,
 )
 from laploop.envs.theatre.config import TheatreConfig
-from laploop.envs.theatre.organ_motion import BaseMotion
-from laploop.envs.theatre.stage_travel import StageTravel
+from laploop.envs.theatre.organ_motion import BaseMotion, StageTravel
 from laploop.errors import InvalidValueError
 
 
@@ -106,7 +105,6 @@ class PalpateConfig(TaskConfig):
     """Largest distance of the tip from an ideal touch of the target at which a force counts."""
 
     def __post_init__(self) -> None:
-        """Check that the band stays clear of zero and of the harmful force."""
         if not self.tolerance_n < self.force_n < self.harm_force_n - self.tolerance_n:
             raise InvalidValueError("force_n", self.force_n, "above tolerance_n, and below harm_force_n by more than that")
 
@@ -129,7 +127,6 @@ class PathChoiceConfig:
     """What each of its points must keep."""
 
     def __post_init__(self) -> None:
-        """Check that the path has points enough."""
         if self.spacing_m > 0.2 * self.length_m:
             raise InvalidValueError("spacing_m", self.spacing_m, "0.0005 m to a fifth of length_m")
 

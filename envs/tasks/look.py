@@ -5,16 +5,14 @@ from typing import ClassVar
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.control.messages import ControlInput
 from laploop.envs.tasks.configs import LookConfig
 from laploop.envs.tasks.measures import Samples, nearness
 from laploop.envs.tasks.observations import Observation, bounded
 from laploop.envs.tasks.task_env import Info, TaskEnv
 from laploop.perception.geometry import invert_transform, transform_points
-
-Array = NDArray[np.float64]
 
 
 class LookEnv(TaskEnv[LookConfig]):

@@ -1,13 +1,6 @@
 """What tasks are judged by: named reward terms, and statistics of the assessed ticks."""
 
-from typing import Any
-
 import numpy as np
-
-
-def weighted(terms: dict[str, float], weights: Any) -> dict[str, float]:
-    """Multiply each term by the weight that is a field of the same name; the result goes to `info["reward_terms"]`."""
-    return {name: value * float(getattr(weights, name)) for name, value in terms.items()}
 
 
 def nearness(error: float, scale: float) -> float:
@@ -19,7 +12,6 @@ class Samples:
     """One quantity over the assessed ticks of an episode; a statistic is None while there are none."""
 
     def __init__(self) -> None:
-        """Start without values."""
         self._values: list[float] = []
 
     def add(self, value: float) -> None:

@@ -28,6 +28,9 @@ from laploop.envs.tasks.task_config import ObservationMode
 
 Observation = dict[str, Any]
 
+STRIPE_MODES = ("all", "stripes")
+DEPTH_MODES = ("all", "depth")
+"""Modes in which the image and the depth map are observed."""
 MAX_DEPTH_MM = 250.0
 """Largest depth that an observation shows."""
 MAX_AGE_S = 10.0
@@ -35,17 +38,11 @@ MAX_FORCE_N = 50.0
 
 
 def observation_space(mode: ObservationMode, size: tuple[int, int], extra: dict[str, spaces.Box]) -> spaces.Dict:
-    """Return the space of a mode.
-
-    Args:
-        mode: What is observed.
-        size: Height and width of the images.
-        extra: The task's own keys.
-    """
+    """Return the space of a mode with images of `size`, height and width, and with the task's own keys."""
     found: dict[str, spaces.Space[Any]] = {}
-    if shows_stripes(mode):
+    if mode in STRIPE_MODES:
         found["stripes"] = spaces.Box(0, 255, size, np.uint8)
-    if shows_depth(mode):
+    if mode in DEPTH_MODES:
         found["depth_mm"] = spaces.Box(0.0, MAX_DEPTH_MM, size, np.float32)
         found["depth_valid"] = spaces.Box(0, 1, size, np.uint8)
         found["depth_age_s"] = spaces.Box(0.0, MAX_AGE_S, (1,), np.float32)
@@ -57,16 +54,6 @@ def observation_space(mode: ObservationMode, size: tuple[int, int], extra: dict[
         found["target_position"] = spaces.Box(-1.0, 1.0, (3,), np.float32)
         found["target_normal"] = spaces.Box(-1.0, 1.0, (3,), np.float32)
     return spaces.Dict({**found, **extra})
-
-
-def shows_stripes(mode: ObservationMode) -> bool:
-    """Say whether the stripe image is observed."""
-    return mode in {"all", "stripes"}
-
-
-def shows_depth(mode: ObservationMode) -> bool:
-    """Say whether the depth map is observed."""
-    return mode in {"all", "depth"}
 
 
 def depth_observation(served: ServedFrame, now_ns: int) -> Observation:

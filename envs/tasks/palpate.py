@@ -49,10 +49,6 @@ class PalpateEnv(TaskEnv[PalpateConfig]):
         """Return the held fraction."""
         return {"held_share": bounded([self._held_share], 0.0, 1.0)}
 
-    def target_error_mm(self) -> float:
-        """Return the distance of the tip from an ideal touch of the target."""
-        return self.touch_error_mm()
-
     def measure(self, *, begin: bool) -> None:
         """Measure whether the force is in its band, and for what fraction of the hold time it has been."""
         config = self.config

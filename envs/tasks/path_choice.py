@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
+from laploop.arrays import Array
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_capture import StripeCapture
 from laploop.envs.tasks.configs import PathChoiceConfig
@@ -11,7 +12,6 @@ from laploop.envs.tasks.target_choice import qualifying_pixels, shaft_is_clear
 from laploop.errors import SimulationError
 from laploop.perception.geometry import Intrinsics
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 _STARTS = 400
@@ -89,7 +89,13 @@ def evenly(path: Array, depth_m: Array, camera: Intrinsics, points: int, length_
     """
     along = path_length_m(path, depth_m, camera)
     places = np.linspace(0.0, along[-1] if length_m is None else min(length_m, along[-1]), points)
-    return np.stack([np.interp(places, along, path[:, axis]) for axis in range(2)], axis=-1)
+    return between(path, places, along)
+
+
+def between(path: Array, places: Array, along: Array | None = None) -> Array:
+    """Return a path of pixels (n, 2) at the given places along it, (k, 2); by default it is 1 from pixel to pixel."""
+    given = np.arange(len(path), dtype=np.float64) if along is None else along
+    return np.stack([np.interp(places, given, path[:, axis]) for axis in range(2)], axis=-1)
 
 
 def path_length_m(path: Array, depth_m: Array, camera: Intrinsics) -> Array:

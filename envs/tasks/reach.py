@@ -32,10 +32,6 @@ class ReachEnv(TaskEnv[ReachConfig]):
 
     config_type: ClassVar[type[ReachConfig]] = ReachConfig
 
-    def target_error_mm(self) -> float:
-        """Return the distance of the tip from an ideal touch of the target."""
-        return self.touch_error_mm()
-
     def measure(self, *, begin: bool) -> None:
         """Measure the distance, and for how long it has been small enough."""
         error_mm = self.target_error_mm()

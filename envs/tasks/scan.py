@@ -6,21 +6,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.shafts import INSTRUMENT
 from laploop.control.messages import ControlInput
 from laploop.envs.tasks.configs import ScanConfig
 from laploop.envs.tasks.measures import Samples, nearness
 from laploop.envs.tasks.observations import Observation, bounded
-from laploop.envs.tasks.path_choice import choose_path_pixels, evenly
-from laploop.envs.tasks.surface_path import PathFoot, SurfacePath
-from laploop.envs.tasks.surface_point import SurfacePoint
+from laploop.envs.tasks.path_choice import between, choose_path_pixels, evenly
+from laploop.envs.tasks.surface_point import PathFoot, SurfacePath, SurfacePoint
 from laploop.envs.tasks.target_choice import checked_pixels
 from laploop.envs.tasks.task_env import Info, TaskEnv
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 
 class ScanEnv(TaskEnv[ScanConfig]):
@@ -95,7 +92,7 @@ class ScanEnv(TaskEnv[ScanConfig]):
                 raise InvalidValueError("path_pixels", drawn.tolist(), "2 or more pixels")
             # Straight in the image from pixel to pixel, and dense enough to follow the surface between them.
             places = np.linspace(0.0, len(drawn) - 1.0, 32 * (len(drawn) - 1) + 1)
-            dense = np.stack([np.interp(places, np.arange(len(drawn)), drawn[:, axis]) for axis in range(2)], axis=-1)
+            dense = between(drawn, places)
             if not np.isfinite(depth_m[dense[:, 1].astype(int), dense[:, 0].astype(int)]).all():
                 raise InvalidValueError("path_pixels", drawn.tolist(), "a line that lies on the tissue")
             self.path_pixels = evenly(dense, depth_m, camera, self.config.path.points)
@@ -103,7 +100,8 @@ class ScanEnv(TaskEnv[ScanConfig]):
             self.path_pixels = choose_path_pixels(truth, camera, self.trocar_in_camera(), rng, self.config.path)
         theatre = self.loop.theatre
         world_from_camera = theatre.world_from_camera()
-        rays = camera.unproject(self._refined(self.path_pixels), 1.0) @ world_from_camera[:3, :3].T
+        halves = np.linspace(0.0, len(self.path_pixels) - 1.0, 2 * len(self.path_pixels) - 1)
+        rays = camera.unproject(between(self.path_pixels, halves), 1.0) @ world_from_camera[:3, :3].T
         points, triangles = theatre.tissue.surface_points(), theatre.tissue.triangles
         self._path = SurfacePath.from_rays(points, triangles, world_from_camera[:3, 3], rays)
         self.set_target(SurfacePoint.from_ray(points, triangles, world_from_camera[:3, 3], rays[0]), self.path_pixels[0])
@@ -204,12 +202,6 @@ class ScanEnv(TaskEnv[ScanConfig]):
         self._incidence_deg = _angle_deg(offset, foot.normal)
         shaft = self.loop.theatre.world_from_shaft(self.loop.theatre.tool_arm)[:3, 2]
         self._shaft_incidence_deg = _angle_deg(-shaft, foot.normal)
-
-    @staticmethod
-    def _refined(pixels: Array) -> Array:
-        """Return a path with a point in the middle of every step."""
-        places = np.linspace(0.0, len(pixels) - 1.0, 2 * len(pixels) - 1)
-        return np.stack([np.interp(places, np.arange(len(pixels)), pixels[:, axis]) for axis in range(2)], axis=-1)
 
 
 def _angle_deg(vector: Array, unit: Array) -> float:

@@ -5,13 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_capture import StripeCapture
 from laploop.envs.tasks.task_config import TargetChoiceConfig
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.geometry import Intrinsics
-
-Array = NDArray[np.float64]
 
 
 def checked_pixels(name: str, pixels: Any, camera: Intrinsics) -> Array:

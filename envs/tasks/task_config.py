@@ -12,10 +12,6 @@ ActionMode = Literal["tip-velocity", "tip-offset", "joint-velocity", "residual"]
 ObservationMode = Literal["all", "stripes", "depth", "state"]
 """What an observation holds; see `laploop.envs.tasks.observations`."""
 
-BadAction = Literal["raise", "hold"]
-"""What happens to an action that is not finite: an error, or a tip that stands still for one control period and only
-withdraws, along its shaft, from tissue that presses on it."""
-
 Weight = Annotated[float, Field(ge=-1e4, le=1e4)]
 Angle = Annotated[float, Field(gt=0.0, le=math.pi / 2)]
 Force = Annotated[float, Field(gt=0.0, le=100.0)]
@@ -64,7 +60,7 @@ class TaskConfig:
     """What an action means: velocity or offset of the tip, joint velocities, or a residual to the scripted controller."""
     observation_mode: ObservationMode = "all"
     """What an observation holds."""
-    bad_action: BadAction = "raise"
+    bad_action: Literal["raise", "hold"] = "raise"
     """What happens to an action that is not finite: an error, or a tip that holds still for one control period."""
     max_seconds: Seconds = 10.0
     """Simulated time after which an episode is truncated."""

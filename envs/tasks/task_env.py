@@ -12,22 +12,22 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.shafts import INSTRUMENT
 from laploop.control.messages import ControlInput, TipController
 from laploop.envs.loop.closed_loop import ClosedLoop
 from laploop.envs.loop.perception_server import ServedFrame
 from laploop.envs.recording.recorder import Recorder, TickRecord
 from laploop.envs.tasks.actions import ActionInterpreter, action_space, checked_action
-from laploop.envs.tasks.measures import weighted
 from laploop.envs.tasks.observations import (
+    DEPTH_MODES,
     MAX_FORCE_N,
+    STRIPE_MODES,
     Observation,
     bounded,
     depth_observation,
     depth_quality,
     observation_space,
-    shows_depth,
-    shows_stripes,
 )
 from laploop.envs.tasks.registry import task_spec
 from laploop.envs.tasks.surface_point import SurfacePoint
@@ -38,7 +38,6 @@ from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.registry import make_estimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
 
-Array = NDArray[np.float64]
 Info = dict[str, Any]
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 
@@ -147,9 +146,9 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
     def measure(self, *, begin: bool) -> None:
         """Measure what the task is about, at the begin of an episode and after every control period."""
 
-    @abstractmethod
     def target_error_mm(self) -> float:
-        """Return the distance of the moved tip from where it should be."""
+        """Return the distance of the moved tip from where it should be: by default, from an ideal touch of the target."""
+        return self.touch_error_mm()
 
     def ended_by(self) -> str | None:
         """Return why the task is over, `success` if it is solved, or None while it is not."""
@@ -231,7 +230,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             "success": float(succeeded),
             "harm": -float(terminated_by in HARMS),
         }
-        terms = weighted({**self.reward_terms(), **shared_terms}, self.config.rewards)
+        weights, unweighted = vars(self.config.rewards), {**self.reward_terms(), **shared_terms}
+        terms = {name: value * float(weights[name]) for name, value in unweighted.items()}
         info = self._info(terms, "time" if truncated else terminated_by, succeeded=succeeded)
         self._record_tick(info)
         self._running = terminated_by is None and not truncated
@@ -311,7 +311,6 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         return True
 
     def _check_reset(self, seed: Any, options: object) -> None:
-        """Check what `reset` was called with."""
         if seed is not None and (isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= int(seed) < 2**63):
             raise InvalidValueError("seed", seed, "an integer from 0 to 2**63 - 1, or None")
         if options is not None and not isinstance(options, Mapping):
@@ -333,8 +332,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         if served is None or newest is None:
             raise SimulationError("no frame yet")
         known = self.control_input()
-        observation: Observation = {"stripes": newest.frame.image.copy()} if shows_stripes(mode) else {}
-        if shows_depth(mode):
+        observation: Observation = {"stripes": newest.frame.image.copy()} if mode in STRIPE_MODES else {}
+        if mode in DEPTH_MODES:
             observation |= depth_observation(served, self.loop.now_ns)
         observation["tip_position"] = bounded(known.tip_in_camera, -1.0, 1.0)
         observation["tip_velocity"] = bounded(known.tip_velocity_in_camera, -1.0, 1.0)
@@ -370,7 +369,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             "status": str(status),
             "status_reason": self.loop.status_reason,
             "fault": self._interpreter.fault,
-            "injected_faults": self.loop.active_faults(),
+            "injected_faults": self.loop.injector.active(self.loop.now_ns),
             "assessed": self.is_assessed(),
             "success": succeeded,
             "terminated_by": terminated_by,

@@ -6,14 +6,12 @@ from dataclasses import replace
 from typing import Annotated, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.ur5_description import VELOCITY_GAIN_RATIO_S
 from laploop.configuration import Field, configuration
 from laploop.envs.theatre.arm import JointReference
 from laploop.errors import InvalidValueError, UnknownNameError
-
-Array = NDArray[np.float64]
 
 ActuationName = Literal["ideal", "ur5-cb", "ur5-e"]
 """The named actuations, in the order in which they are listed to users."""
@@ -39,7 +37,6 @@ class ActuationConfig:
     """Limit of every joint's angle, in both directions."""
 
     def __post_init__(self) -> None:
-        """Refuse a delay, a lag or a limit without a cycle."""
         limited = self.max_speed_rad_s is not None or self.max_angle_rad is not None
         if self.cycle_ms == 0.0 and (self.delay_ms or self.lag_ms or limited):
             raise InvalidValueError("cycle_ms", 0, "above 0 where there is a delay, a lag or a limit")
@@ -65,11 +62,7 @@ class ActuationConfig:
         return replace(limited, cycle_ms=2.0, delay_ms=34.0, lag_ms=20.0)
 
     def check_timestep(self, timestep_ns: int) -> None:
-        """Check that the robot's cycle is a whole number of physics steps.
-
-        Raises:
-            InvalidValueError: If it is not.
-        """
+        """Raise an InvalidValueError unless the robot's cycle is a whole number of physics steps."""
         if self.cycle_ns % timestep_ns:
             step = f"{timestep_ns * 1e-6:g} ms"
             raise InvalidValueError("cycle_ms", self.cycle_ms, f"a multiple of the physics step, {step}")
@@ -111,13 +104,7 @@ class Actuation:
     """Most targets in flight: more than the longest delay holds at one a millisecond."""
 
     def __init__(self, config: ActuationConfig, *, q: Array, timestep_ns: int, control_steps: int) -> None:
-        """Start at rest.
-
-        Args:
-            config: The robot.
-            q: (joints,), rad, the initial position.
-            timestep_ns: The physics step.
-            control_steps: Physics steps from one target to the next: how long a target is extrapolated by its velocity.
+        """Start at rest at q, (joints,) rad; targets are extrapolated by their velocity for `control_steps` physics steps.
 
         Raises:
             InvalidValueError: If the robot's cycle is not a whole number of physics steps, or q lies beyond its limit.

@@ -1,16 +1,15 @@
 """One arm of the theatre: its place, its indices in the model, and the set points of its servos."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.shafts import Shaft
-from laploop.assets.ur5_description import JOINT_NAMES, VELOCITY_GAIN_RATIO_S
+from laploop.assets.ur5_description import VELOCITY_GAIN_RATIO_S
 from laploop.errors import InvalidValueError
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
 
@@ -19,8 +18,7 @@ class Arm:
     """An arm with its shaft; indices are into the model's arrays, joints in URDF order."""
 
     name: str
-    prefix: str
-    """Prefix of all its names in the model."""
+    """With a slash, the prefix of all its names in the model."""
     shaft: Shaft
     world_from_base: Array
     """4x4, pose of the base link."""
@@ -33,34 +31,6 @@ class Arm:
     actuator_indices: Indices
     tip_site: int
     """Site with the shaft's frame."""
-
-    @classmethod
-    def of_model(
-        cls,
-        model: Any,
-        *,
-        name: str,
-        tip_site: str,
-        shaft: Shaft,
-        world_from_base: Array,
-        trocar_in_world: Array,
-        home_q: Array,
-    ) -> "Arm":
-        """Find the indices of the arm called `name` in a compiled model; `tip_site` is its site's name without the prefix."""
-        prefix = f"{name}/"
-        joints = [model.joint(prefix + joint) for joint in JOINT_NAMES]
-        return cls(
-            name=name,
-            prefix=prefix,
-            shaft=shaft,
-            world_from_base=_frozen(world_from_base),
-            trocar_in_world=_frozen(trocar_in_world),
-            home_q=_frozen(home_q),
-            qpos_indices=np.array([joint.qposadr[0] for joint in joints], dtype=np.int32),
-            dof_indices=np.array([joint.dofadr[0] for joint in joints], dtype=np.int32),
-            actuator_indices=np.array([model.actuator(prefix + joint).id for joint in JOINT_NAMES], dtype=np.int32),
-            tip_site=int(model.site(prefix + tip_site).id),
-        )
 
 
 class JointReference:
@@ -98,9 +68,3 @@ class JointReference:
         elapsed_s = min(self._age_steps, self._control_steps) * self._timestep_s
         ahead_s = VELOCITY_GAIN_RATIO_S if self._age_steps <= self._control_steps else 0.0
         return np.asarray(self._q + (elapsed_s + ahead_s) * self._qdot)
-
-
-def _frozen(values: Array) -> Array:
-    copy = np.array(values, dtype=np.float64)
-    copy.flags.writeable = False
-    return copy

@@ -24,7 +24,6 @@ class ClockRates:
     """Frames a second; a period of whole physics steps."""
 
     def __post_init__(self) -> None:
-        """Check the periods."""
         if abs(1e9 / self.physics_hz - self.physics_ns) > _EXACT_NS:
             raise InvalidValueError("physics_hz", self.physics_hz, "a rate whose period is a whole number of nanoseconds")
         for name, hertz, period_ns in (

@@ -6,8 +6,7 @@ from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.tissue_config import TissueConfig
 from laploop.configuration import Field, configuration
 from laploop.envs.theatre.actuation import ActuationConfig
-from laploop.envs.theatre.organ_motion import BaseMotion
-from laploop.envs.theatre.stage_travel import StageTravel
+from laploop.envs.theatre.organ_motion import BaseMotion, StageTravel
 from laploop.envs.theatre.trocar import TrocarConfig
 from laploop.errors import InvalidValueError
 
@@ -28,7 +27,6 @@ class TheatreLayout:
     """Where the tool arm stands; its shaft leans away from the scope, which puts its flange farther out."""
 
     def __post_init__(self) -> None:
-        """Check that the scope can pass the wall."""
         if self.scope_tip_z_m > self.wall_z_m - 0.03:
             raise InvalidValueError("scope_tip_z_m", self.scope_tip_z_m, "at least 0.03 m below wall_z_m")
 
@@ -53,11 +51,7 @@ class TheatreConfig:
     """Geometry of the laparoscope's camera and projector."""
 
     def check_timestep(self, timestep_ns: int) -> None:
-        """Check that trocar and actuation fit the physics step.
-
-        Raises:
-            InvalidValueError: If one does not.
-        """
+        """Raise an InvalidValueError unless trocar and actuation fit the physics step."""
         for name, part in (("trocar", self.trocar), ("actuation", self.actuation)):
             try:
                 part.check_timestep(timestep_ns)

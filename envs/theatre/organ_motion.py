@@ -1,4 +1,4 @@
-"""How the organ below the phantom moves: respiration and heartbeat along the stage's axis."""
+"""How the organ below the phantom moves: respiration and heartbeat along the stage's axis, and a slow sideways travel."""
 
 import math
 from dataclasses import replace
@@ -6,12 +6,12 @@ from typing import Annotated, Literal, get_args
 
 import numpy as np
 
+from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.errors import UnknownNameError
 
 MotionName = Literal["still", "breathing", "beating", "both"]
 """The named motions, in the order in which they are listed to users."""
-
 
 PeakToPeak = Annotated[float, Field(ge=0.0, le=0.03)]
 Frequency = Annotated[float, Field(gt=0.0, le=5.0)]
@@ -64,19 +64,28 @@ class BaseMotion:
 
     def displacement(self, time_s: float) -> float:
         """Return z(t) in metres; phases that are None count as 0."""
-        return 0.5 * sum(
-            amplitude * math.sin(2.0 * math.pi * hertz * time_s + phase) for amplitude, hertz, phase in self._waves()
-        )
-
-    def velocity(self, time_s: float) -> float:
-        """Return dz/dt in m/s."""
-        return 0.5 * sum(
-            amplitude * 2.0 * math.pi * hertz * math.cos(2.0 * math.pi * hertz * time_s + phase)
-            for amplitude, hertz, phase in self._waves()
-        )
-
-    def _waves(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        return (
+        waves = (
             (self.breathing_peak_to_peak_m, self.breathing_hz, self.breathing_phase_rad or 0.0),
             (self.beating_peak_to_peak_m, self.beating_hz, self.beating_phase_rad or 0.0),
         )
+        return 0.5 * sum(amplitude * math.sin(2.0 * math.pi * hertz * time_s + phase) for amplitude, hertz, phase in waves)
+
+
+@configuration
+class StageTravel:
+    """Two sines along the world's x and y that start from the middle, as when an organ is retracted; off by default."""
+
+    x_peak_to_peak_m: Annotated[float, Field(ge=0.0, le=0.05)] = 0.0
+    """Stroke along the world\'s x."""
+    x_hz: Annotated[float, Field(ge=0.001, le=0.5)] = 0.08
+    """Frequency along the world\'s x."""
+    y_peak_to_peak_m: Annotated[float, Field(ge=0.0, le=0.05)] = 0.0
+    """Stroke along the world\'s y."""
+    y_hz: Annotated[float, Field(ge=0.001, le=0.5)] = 0.05
+    """Frequency along the world\'s y."""
+
+    def displacement(self, time_s: float) -> Array:
+        """Return the stage's offset from its middle at a time, (2,), metres along the world's x and y."""
+        x = 0.5 * self.x_peak_to_peak_m * math.sin(2.0 * math.pi * self.x_hz * time_s)
+        y = 0.5 * self.y_peak_to_peak_m * math.sin(2.0 * math.pi * self.y_hz * time_s)
+        return np.array([x, y])

@@ -5,8 +5,8 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.instrument import build_instrument
 from laploop.assets.laparoscope import SHAFT_TIP, build_laparoscope
 from laploop.assets.operating_table import STAGE_PLATE_THICKNESS_M, build_operating_table, build_stage
@@ -17,14 +17,12 @@ from laploop.assets.tissue_config import TissueConfig
 from laploop.assets.tissue_mesh import TissueMesh, mean_top_height, solid_mesh
 from laploop.assets.tissue_shape import height_field
 from laploop.assets.ur5 import build_ur5
-from laploop.assets.ur5_description import FLANGE
+from laploop.assets.ur5_description import FLANGE, JOINT_NAMES
 from laploop.control.arm.model import ArmModel
 from laploop.control.arm.start_posture import start_posture
 from laploop.envs.theatre.arm import Arm
 from laploop.envs.theatre.config import TheatreConfig, TheatreLayout
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 CAMERA_ARM = "camera_arm"
 TOOL_ARM = "tool_arm"
@@ -72,7 +70,10 @@ def build_scene(
     tip = np.array([tip_x, tip_y, stage[2] + top_height + _TIP_CLEARANCE_M])
     scope_trocar = np.array([0.0, 0.0, layout.wall_z_m])
     tool_trocar = np.array([layout.tool_trocar_x_m, 0.0, layout.wall_z_m])
-    bases = _bases(layout)
+    bases = {
+        CAMERA_ARM: _transform(np.eye(3), np.array([layout.camera_base_x_m, 0.0, 0.0])),
+        TOOL_ARM: _transform(np.diag([-1.0, -1.0, 1.0]), np.array([layout.tool_base_x_m, 0.0, 0.0])),
+    }
     model = _compile(
         config,
         mesh,
@@ -84,14 +85,20 @@ def build_scene(
     scope_pose = _transform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, layout.scope_tip_z_m]))
 
     def arm(name: str, prefix: str, shaft: Shaft, trocar: Array, shaft_pose: Array, seed_q: Array) -> Arm:
-        return Arm.of_model(
-            model,
+        joints = [model.joint(f"{name}/{joint}") for joint in JOINT_NAMES]
+        home_q = start_posture(ArmModel(bases[name], shaft), shaft_pose, seed_q)
+        for array in (bases[name], trocar, home_q):
+            array.flags.writeable = False
+        return Arm(
             name=name,
-            tip_site=f"{prefix}{SHAFT_TIP}",
             shaft=shaft,
             world_from_base=bases[name],
             trocar_in_world=trocar,
-            home_q=start_posture(ArmModel(bases[name], shaft), shaft_pose, seed_q),
+            home_q=home_q,
+            qpos_indices=np.array([joint.qposadr[0] for joint in joints], dtype=np.int32),
+            dof_indices=np.array([joint.dofadr[0] for joint in joints], dtype=np.int32),
+            actuator_indices=np.array([model.actuator(f"{name}/{joint}").id for joint in JOINT_NAMES], dtype=np.int32),
+            tip_site=int(model.site(f"{name}/{prefix}{SHAFT_TIP}").id),
         )
 
     return Scene(
@@ -160,14 +167,6 @@ def _compile(
     spec.attach(build_stage(), prefix="stage/", frame=spec.worldbody.add_frame(pos=stage))
     spec.attach(build_phantom(mesh, config.tissue), prefix="phantom/", frame=spec.body(STAGE_PLATE).add_frame())
     return spec.compile()
-
-
-def _bases(layout: TheatreLayout) -> dict[str, Array]:
-    half_turn = np.diag([-1.0, -1.0, 1.0])
-    return {
-        CAMERA_ARM: _transform(np.eye(3), np.array([layout.camera_base_x_m, 0.0, 0.0])),
-        TOOL_ARM: _transform(half_turn, np.array([layout.tool_base_x_m, 0.0, 0.0])),
-    }
 
 
 def _tool_pose(tip: Array, trocar: Array) -> Array:

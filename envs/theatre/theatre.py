@@ -2,8 +2,8 @@
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.assets.instrument import TIP
 from laploop.assets.laparoscope import CAMERA, PROJECTOR
 from laploop.assets.tissue_mesh import TissueMesh
@@ -23,10 +23,6 @@ from laploop.envs.theatre.scene import (
 from laploop.envs.theatre.tissue import Tissue
 from laploop.envs.theatre.trocar import Trocar
 from laploop.errors import InvalidValueError, SimulationError
-
-__all__ = ["Arm", "Theatre", "TheatreConfig"]
-
-Array = NDArray[np.float64]
 
 _SETTLE_LIMIT_S = 2.0
 _AT_REST_M_S = 1e-6
@@ -201,14 +197,10 @@ class Theatre:
         offset = arm.trocar_in_world - self.data.site_xpos[arm.tip_site]
         return float(np.linalg.norm(offset - (offset @ axis) * axis))
 
-    def stage_displacement_m(self) -> float:
-        """Return how far the stage is from its middle position now, towards the scope."""
-        return self.motion.displacement(self.now_ns * 1e-9)
-
     def _place_stage(self) -> None:
-        self.data.mocap_pos[self._stage_mocap] = self._stage_in_world
-        self.data.mocap_pos[self._stage_mocap, :2] += self.config.travel.displacement(self.now_ns * 1e-9)
-        self.data.mocap_pos[self._stage_mocap, 2] += self.stage_displacement_m()
+        time_s = self.now_ns * 1e-9
+        moved = [*self.config.travel.displacement(time_s), self.motion.displacement(time_s)]
+        self.data.mocap_pos[self._stage_mocap] = self._stage_in_world + moved
 
     def _settle(self) -> Array:
         """Let the tissue come to rest under gravity with the arms at home, and return the positions."""

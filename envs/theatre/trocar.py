@@ -119,35 +119,25 @@ class Trocar:
         """Apply the port's force on the shaft for the coming physics step; kinematics must be fresh, as after `mj_step1`."""
         tip, rotation = self._tip.tolist(), self._rotation.tolist()
         offset, depth = self._place(tip, rotation)
-        axis_x, axis_y, axis_z = rotation[2], rotation[5], rotation[8]
+        axis = rotation[2], rotation[5], rotation[8]
 
         rate = self.config.damping_ns_m / self._timestep_s
         stiffness = self.config.stiffness_n_m
-        before = self._offset_before
-        lateral_x = -stiffness * offset[0] - rate * (offset[0] - before[0])
-        lateral_y = -stiffness * offset[1] - rate * (offset[1] - before[1])
-        lateral_z = -stiffness * offset[2] - rate * (offset[2] - before[2])
+        x, y, z = (-stiffness * now - rate * (now - before) for now, before in zip(offset, self._offset_before, strict=True))
 
         self._bend(depth - self._depth_before, self._radius_m * _turned(self._rotation_before, rotation))
         along = -self._bristle_n_m * self._along
         around = -self._bristle_n_m * self._around * self._radius_m
 
-        force_x = lateral_x + along * axis_x
-        force_y = lateral_y + along * axis_y
-        force_z = lateral_z + along * axis_z
-        centre = self._centre.tolist()
-        arm_x = tip[0] - depth * axis_x - centre[0]
-        arm_y = tip[1] - depth * axis_y - centre[1]
-        arm_z = tip[2] - depth * axis_z - centre[2]
+        force = x + along * axis[0], y + along * axis[1], z + along * axis[2]
+        lever = [t - depth * a - c for t, a, c in zip(tip, axis, self._centre.tolist(), strict=True)]
         self._wrench[:] = (
-            force_x,
-            force_y,
-            force_z,
-            arm_y * force_z - arm_z * force_y + around * axis_x,
-            arm_z * force_x - arm_x * force_z + around * axis_y,
-            arm_x * force_y - arm_y * force_x + around * axis_z,
+            *force,
+            lever[1] * force[2] - lever[2] * force[1] + around * axis[0],
+            lever[2] * force[0] - lever[0] * force[2] + around * axis[1],
+            lever[0] * force[1] - lever[1] * force[0] + around * axis[2],
         )
-        self.lateral_force_n = math.sqrt(lateral_x**2 + lateral_y**2 + lateral_z**2)
+        self.lateral_force_n = math.sqrt(x**2 + y**2 + z**2)
         self.friction_force_n = abs(along)
         self._rotation_before, self._offset_before, self._depth_before = rotation, offset, depth
 

@@ -17,7 +17,7 @@ import functools
 import inspect
 import numbers
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from types import UnionType
@@ -112,13 +112,7 @@ def alternatives(annotation: Any) -> tuple[Any, ...]:
     return (annotation,)
 
 
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    if kind not in _adapters:
-        _adapters[kind] = TypeAdapter(kind)
-    return _adapters[kind]
-
-
-_adapters: dict[Any, TypeAdapter[Any]] = {}
+_adapter: Callable[[Any], TypeAdapter[Any]] = functools.cache(TypeAdapter)
 """Made once a class, when it is first needed."""
 
 
@@ -180,15 +174,15 @@ def _resolved(kind: Any, location: Sequence[str | int]) -> tuple[tuple[str | int
     path: list[str | int] = []
     annotation = kind
     for part in location:
-        members = [found for one in alternatives(annotation) if (found := _member(one, part)) is not None]
+        choices = alternatives(annotation)
+        members = [found for one in choices if (found := _member(one, part)) is not None]
+        chosen = [one for one in choices if part in {_kind(one), getattr(one, "__name__", "")}]
         if members:
             path.append(part)
             annotation = members[0]
-        elif (
-            len(chosen := [one for one in alternatives(annotation) if part in {_kind(one), getattr(one, "__name__", "")}]) == 1
-        ):
+        elif len(chosen) == 1:
             annotation = chosen[0]
-        elif part == location[-1] and len(alternatives(annotation)) == 1:
+        elif part == location[-1] and len(choices) == 1:
             path.append(part)
     return tuple(path), annotation
 

@@ -36,7 +36,6 @@ class InvalidValueError(LaploopError, ValueError):
     """A value lies outside what is allowed."""
 
     def __init__(self, name: str, value: object, allowed: str) -> None:
-        """Name the value, show it, and say what is allowed."""
         shown = str(value) if isinstance(value, Path) else value
         super().__init__(f"{name} is {shown!r}; allowed: {allowed}")
 
@@ -49,7 +48,6 @@ class UnknownNameError(LaploopError, ValueError):
     """A name (of a task, an estimator, a motion, ...) that nobody registered."""
 
     def __init__(self, kind: str, name: object, available: Iterable[str]) -> None:
-        """List what exists beside what was asked for, and what may have been meant."""
         names = sorted(available)
         nearest = get_close_matches(str(name).rpartition(".")[2], names, n=1)
         hint = f"did you mean {nearest[0]!r}? " if nearest else ""
@@ -72,7 +70,6 @@ class MissingFileError(LaploopError, FileNotFoundError):
     """A file that should be there is not."""
 
     def __init__(self, what: str, path: Path | str, remedy: str) -> None:
-        """Say what is missing, where it was looked for, and how to get it."""
         super().__init__(f"{what} not found at {path}; {remedy}")
 
 
@@ -107,10 +104,6 @@ def check_file(what: str, path: Path | str, remedy: str) -> Path:
 
 
 def check_range(name: str, value: float, low: float, high: float) -> None:
-    """Raise unless the value of a field is a number from `low` to `high`.
-
-    Raises:
-        InvalidValueError: If it lies outside or is not a number.
-    """
+    """Raise an InvalidValueError unless the value of a field is a number from `low` to `high`."""
     if not low <= value <= high:
         raise InvalidValueError(name, value, f"{low:g} to {high:g}")

@@ -1,9 +1,9 @@
 """One table for each kind of thing that has a name: what laploop brings, what other packages add, what a user points at."""
 
 from collections.abc import Mapping
-from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from inspect import signature
+from pkgutil import resolve_name
 from typing import Any, Generic, TypeVar, cast
 
 from laploop.errors import InvalidValueError, UnknownNameError
@@ -49,11 +49,7 @@ class Registry(Generic[T]):
         self._entries.pop(name, None)
 
     def check(self, name: str) -> None:
-        """Raise unless the name is known, or has the form `module:attribute`; imports nothing.
-
-        Raises:
-            UnknownNameError: If it is neither.
-        """
+        """Raise an UnknownNameError unless the name is known, or has the form `module:attribute`; imports nothing."""
         if not _is_path(name) and name not in self._entries and name not in self._installed():
             raise UnknownNameError(self.kind, name, self.names())
 
@@ -101,15 +97,11 @@ class Registry(Generic[T]):
         return {point.name: point for point in entry_points(group=self.group)}
 
     def _imported(self, name: str, path: str) -> T:
-        module_name, _, attribute = path.partition(":")
         try:
-            found = import_module(module_name)
-            for part in attribute.split("."):
-                found = getattr(found, part)
+            return cast("T", resolve_name(path))
         except Exception as error:
             reason = f"{type(error).__name__}: {error}"
             raise InvalidValueError(self.kind, name, f"what can be imported ({path} raised {reason})") from error
-        return cast("T", found)
 
 
 def _is_path(name: str) -> bool:

@@ -36,7 +36,7 @@ def test_triangles_face_the_camera_and_cover_the_board_once(board):
     corners = surface.points[surface.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     assert (normals[:, 2] < 0.0).all()
-    width, height = board.size_m
+    width, height, _ = np.ptp(surface.points, axis=0)
     assert (width, height) == pytest.approx((0.070, 0.063))  # 8 x 7 squares of 7 mm and 7 mm of border
     assert -0.5 * normals[:, 2].sum() == pytest.approx(width * height, rel=1e-9)
     middle = 0.5 * (surface.points.min(axis=0) + surface.points.max(axis=0))

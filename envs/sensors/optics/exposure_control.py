@@ -37,7 +37,6 @@ class ExposureControl:
     """The default fits 30 images a second."""
 
     def __post_init__(self) -> None:
-        """Check the limits against each other."""
         if not self.shortest_s <= self.longest_s:
             raise InvalidValueError("shortest_s", self.shortest_s, f"at most longest_s, {self.longest_s:g}")
 

@@ -3,13 +3,11 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from laploop.arrays import Array
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Intrinsics
 from laploop.perception.reprojection import BrownDistortion
-
-Array = NDArray[np.float64]
 
 _ITERATIONS = 30
 _CLOSE_TAN = 1e-12

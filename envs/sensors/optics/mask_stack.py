@@ -5,14 +5,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import fft
 from scipy.ndimage import gaussian_filter1d
 
+from laploop.arrays import Array, Float32
 from laploop.assets.mask_pattern import decode_pattern
 from laploop.assets.stripe_mask import StripeMask
-
-Array = NDArray[np.float64]
 
 _SIDE = 768
 _LEVELS = 33
@@ -28,7 +26,7 @@ class MaskStack:
     The dark surround of the mask is part of the pattern, on all four sides, so that its edges blur like the rest.
     """
 
-    transmission: NDArray[np.float32]
+    transmission: Float32
     """(levels, rows, columns), read-only: a level is a standard deviation of the blur, rows and columns tangent coordinates
     along y and x."""
     start: float

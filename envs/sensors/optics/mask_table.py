@@ -6,14 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.special import erf
 
+from laploop.arrays import Array, Float32
 from laploop.assets.stripe_mask import StripeMask
 from laploop.errors import InvalidValueError
-
-Array = NDArray[np.float64]
 
 FINE_COLUMNS = 4097
 """Default columns of a table, each a twelfth of a pixel of the nominal camera."""
@@ -28,7 +26,7 @@ class MaskTable:
     The dark surround of the mask is part of the pattern, so that its edges blur like the stripes.
     """
 
-    transmission: NDArray[np.float32]
+    transmission: Float32
     """(levels, columns), read-only: a level is a standard deviation of the blur, a column a tangent coordinate."""
     start: float
     step: float

@@ -52,7 +52,6 @@ class OpticsRanges:
     full_well_electrons: Span[FullWell] = (8000.0, 14000.0)
 
     def __post_init__(self) -> None:
-        """Check that no range is empty."""
         check_ordered(self)
 
 

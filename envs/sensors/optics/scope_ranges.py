@@ -33,7 +33,6 @@ class ScopeRanges:
     phase: Span[Phase] = (0.0, 1.0)
 
     def __post_init__(self) -> None:
-        """Check that no range is empty."""
         check_ordered(self)
 
 

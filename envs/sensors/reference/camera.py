@@ -1,21 +1,44 @@
 """The reference camera of the optical bench: a structured-light depth camera that views the phantom from the side."""
 
 import math
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from laploop.arrays import Array, Float32
 from laploop.envs.sensors.ray_camera import RayCamera
-from laploop.envs.sensors.reference.capture import ReferenceCapture
 from laploop.envs.sensors.reference.noise import ReferenceNoise
 from laploop.envs.sensors.reference.optics import ReferenceOptics
 from laploop.envs.sensors.reference.shading import ReferenceLight, light_of, srgb
 from laploop.envs.sensors.stripe_capture import ExactView
 from laploop.errors import InvalidValueError
 
-Float32 = NDArray[np.float32]
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReferenceCapture:
+    """A point cloud in image order, with the names and units of the camera's own software.
+
+    All floating-point arrays are NaN at the same pixels: where there is no point.
+    """
+
+    xyz: Float32
+    """(height, width, 3), millimetres, in the frame of the camera: x right, y down, z forward."""
+    z: Float32
+    """(height, width), millimetres; the same as `xyz[..., 2]`."""
+    rgba: NDArray[np.uint8]
+    """(height, width, 4), the colour picture under the projector's white light, sRGB; its alpha is 255 everywhere."""
+    normals: Float32
+    """(height, width, 3), unit vectors towards the camera."""
+    snr: Float32
+    """(height, width), signal-to-noise ratio."""
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """(height, width), where there is a point."""
+        return np.isfinite(self.z)
 
 
 class ReferenceCamera(RayCamera):
@@ -39,7 +62,7 @@ class ReferenceCamera(RayCamera):
         self._rays: Float32 = self.intrinsics.rays.reshape(-1, 3).astype(np.float32)
 
     def capture(
-        self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64], rng: np.random.Generator | None
+        self, data: mujoco.MjData | None, world_from_camera: Array, rng: np.random.Generator | None
     ) -> ReferenceCapture:
         """Measure the scene as it is now.
 
@@ -128,7 +151,7 @@ def lateral_mount(
     distance_m: float = 0.6,
     azimuth_rad: float = -0.5 * math.pi,
     elevation_rad: float = math.radians(55.0),
-) -> NDArray[np.float64]:
+) -> Array:
     """Return the pose `world_from_camera`, 4x4, of a camera beside the phantom that views it, its x axis level.
 
     By default the camera is on the world's -y side, between the two arms, and low enough to look past the scope: a shaft

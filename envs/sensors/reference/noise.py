@@ -3,10 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Array, Float32
 from laploop.envs.sensors.reference.optics import ReferenceOptics
-
-Array = NDArray[np.float64]
-Float32 = NDArray[np.float32]
 
 _NOISE_DISTANCE_MM = 600.0
 """Distance at which the data sheet states the noise: the camera's focus."""

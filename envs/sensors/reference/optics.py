@@ -128,7 +128,6 @@ class ReferenceOptics:
     other: Material = OTHER
 
     def __post_init__(self) -> None:
-        """Check fields against each other."""
         if not self.near_m <= self.far_m:
             raise InvalidValueError("far_m", self.far_m, f"near_m, {self.near_m:g}, to 10")
         if not self.snr_min <= self.snr_reference:

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.arrays import Float32
 from laploop.envs.sensors.reference.optics import ReferenceOptics
-
-Float32 = NDArray[np.float32]
 
 _LEAST_COSINE = np.float32(1e-3)
 

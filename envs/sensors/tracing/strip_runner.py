@@ -21,11 +21,7 @@ class StripRunner:
     """
 
     def __init__(self, device: Any, threads: int | None = None) -> None:
-        """Use a Warp device; by default with two threads where there are two cores, on CUDA always with one.
-
-        Raises:
-            InvalidValueError: If the number of threads is not from 1 to 64.
-        """
+        """Use a Warp device; by default with two threads where there are two cores, on CUDA always with one."""
         if threads is None:
             threads = min(2, len(os.sched_getaffinity(0)))
         if not 1 <= threads <= 64:

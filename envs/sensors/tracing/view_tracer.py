@@ -1,4 +1,4 @@
-"""Exact geometry of what a camera sees and a projector reaches."""
+"""A scene on a Warp device, and the exact geometry of what a camera sees of it and a projector reaches."""
 
 import math
 from typing import Any
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from laploop.envs.sensors.kernels import ray_kernels, zbuffer_kernels
 from laploop.envs.sensors.stripe_capture import ExactView
-from laploop.envs.sensors.tracing.ray_scene import RayScene
+from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.envs.sensors.tracing.strip_runner import StripRunner
 from laploop.perception.geometry import Rig, rigid_transform
 
@@ -18,6 +18,41 @@ _PROJECTOR_MARGIN_TAN = 0.08
 """How far the projector's depth map reaches beyond the mask, so that its blurred border is covered too."""
 _LARGEST_HALF_MAP = 2048
 """Half the width of the projector's depth map at most, pixels: 134 MB; where it is too coarse, rays decide."""
+
+
+class RayScene:
+    """Points, triangles, vertex normals and bounding-volume tree of one `SceneGeometry` on a device."""
+
+    def __init__(self, geometry: SceneGeometry, device: wp.Device) -> None:
+        """Upload the scene and build its tree; call `update` before tracing if the points have moved since."""
+        self.geometry = geometry
+        self.device = device
+        self.points: Any = wp.array(geometry.points, dtype=wp.vec3, device=device, copy=True)
+        self.corners: Any = wp.array(geometry.triangles.ravel(), dtype=wp.int32, device=device)
+        # Triangles of one part stay together in the tree, so that it fits as well after the parts have moved.
+        parts: Any = wp.array(geometry.parts, dtype=wp.int32, device=device)
+        self.mesh: Any = wp.Mesh(points=self.points, indices=self.corners, groups=parts)
+        self.object_ids: Any = wp.array(geometry.object_ids, dtype=wp.uint8, device=device)
+        self.albedo_factor: Any = wp.array(geometry.albedo_factor, dtype=wp.float32, device=device)
+        offsets, order = geometry.corners_around_vertices()
+        self._offsets: Any = wp.array(offsets, dtype=wp.int32, device=device)
+        self._order: Any = wp.array(order, dtype=wp.int32, device=device)
+        self.normals: Any = wp.zeros(len(geometry.points), dtype=wp.vec3, device=device)
+        self._normals_launch = wp.launch(
+            ray_kernels.vertex_normals,
+            dim=len(geometry.points),
+            inputs=[self.points, self.corners, self._offsets, self._order],
+            outputs=[self.normals],
+            device=device,
+            record_cmd=True,
+        )
+        self.update()
+
+    def update(self) -> None:
+        """Upload the geometry's points, refit the tree and compute the vertex normals anew."""
+        self.points.assign(self.geometry.points)
+        self.mesh.refit()
+        self._normals_launch.launch()
 
 
 class ViewTracer:
@@ -29,7 +64,6 @@ class ViewTracer:
     """
 
     def __init__(self, rig: Rig, device: Any, runner: StripRunner) -> None:
-        """Allocate the buffers."""
         camera = rig.camera
         self._rig = rig
         self._device = device
@@ -54,7 +88,7 @@ class ViewTracer:
         self.albedo_factor: Any = wp.zeros(count, dtype=wp.float32, device=device)
         self._pinhole = True
         self._walk: list[Any] = []
-        self._to_views: list[Any] = []
+        self._to_views: Any = None
         self._rasterise: list[list[Any]] = []
         self.trace: list[Any] = []
         """Recorded launches, one for each of `StripRunner.pixel_strips`; run them after `find_surfaces`."""
@@ -78,16 +112,14 @@ class ViewTracer:
         projector_from_camera = rig.projector_from_camera
         rotation = wp.mat33(*projector_from_camera[:3, :3].ravel())
         offset = wp.vec3(*projector_from_camera[:3, 3])
-        self._to_views = [
-            wp.launch(
-                zbuffer_kernels.to_views,
-                dim=count,
-                inputs=[scene.points, self._pose, rotation, offset, self._camera_view, self._projector_view],
-                outputs=[in_camera, on_camera, in_projector, on_projector],
-                device=device,
-                record_cmd=True,
-            )
-        ]
+        self._to_views = wp.launch(
+            zbuffer_kernels.to_views,
+            dim=count,
+            inputs=[scene.points, self._pose, rotation, offset, self._camera_view, self._projector_view],
+            outputs=[in_camera, on_camera, in_projector, on_projector],
+            device=device,
+            record_cmd=True,
+        )
         self._rasterise = [
             self._record_rasterise(self._camera_view, in_camera, on_camera, scene.corners, self._camera_keys),
             self._record_rasterise(self._projector_view, in_projector, on_projector, scene.corners, self._projector_keys),
@@ -125,8 +157,7 @@ class ViewTracer:
         """Find the triangles behind the pixels of the camera and of the projector's depth map."""
         self._camera_keys.fill_(_NOTHING)
         self._projector_keys.fill_(_NOTHING)
-        for launch in self._to_views:
-            launch.launch()
+        self._to_views.launch()
         if self._pinhole:
             self._runner.run(*self._rasterise)
         else:

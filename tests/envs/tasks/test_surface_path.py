@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from laploop.envs.tasks.surface_path import SurfacePath
+from laploop.envs.tasks.surface_point import SurfacePath
 from laploop.errors import InvalidValueError
 
 GRID = np.stack(np.meshgrid(np.linspace(0.0, 0.1, 11), np.linspace(0.0, 0.1, 11), indexing="ij"), axis=-1).reshape(-1, 2)

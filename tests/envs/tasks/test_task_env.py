@@ -28,7 +28,7 @@ def watch(monkeypatch, kind, method, seen):
 def press(env, arm, newtons):
     """Push an arm's wrist sideways from now on; the trocar itself pushes the link behind, so that this is a link before."""
     theatre = env.loop.theatre
-    theatre.data.xfrc_applied[theatre.model.body(f"{arm.prefix}wrist_3_link").id, 1] = newtons
+    theatre.data.xfrc_applied[theatre.model.body(f"{arm.name}/wrist_3_link").id, 1] = newtons
 
 
 def test_a_step_is_the_loop_then_measurement_then_end_then_reward_then_record(task_env, monkeypatch):

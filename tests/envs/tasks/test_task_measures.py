@@ -5,8 +5,7 @@ import pytest
 
 from laploop.envs.tasks.configs import PathChoiceConfig
 from laploop.envs.tasks.scan import ScanEnv
-from laploop.envs.theatre.organ_motion import BaseMotion
-from laploop.envs.theatre.stage_travel import StageTravel
+from laploop.envs.theatre.organ_motion import BaseMotion, StageTravel
 from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import invert_transform, transform_points

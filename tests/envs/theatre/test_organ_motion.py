@@ -35,15 +35,6 @@ def test_both_is_the_sum():
     np.testing.assert_allclose(both, path(BaseMotion.named("breathing")) + path(BaseMotion.named("beating")), atol=1e-15)
 
 
-def test_velocity_is_the_derivative():
-    motion = BaseMotion.named("both").with_phases(np.random.default_rng(0))
-    step = 1e-5
-    for time in (0.0, 0.3, 1.7):
-        slope = (motion.displacement(time + step) - motion.displacement(time - step)) / (2.0 * step)
-        # Central differences: the third derivative times step squared.
-        np.testing.assert_allclose(motion.velocity(time), slope, atol=1e-9)
-
-
 def test_seed_chooses_open_phases_and_leaves_given_ones():
     motion = BaseMotion(breathing_peak_to_peak_m=0.01, beating_phase_rad=0.5)
     drawn = motion.with_phases(np.random.default_rng(1))

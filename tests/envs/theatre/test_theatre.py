@@ -157,7 +157,7 @@ def test_impossible_layouts_are_refused():
 def test_arms_know_their_own_numbers(theatre):
     model = theatre.model
     for arm in theatre.arms:
-        assert model.joint(f"{arm.prefix}wrist_3_joint").qposadr[0] == arm.qpos_indices[5]
-        assert mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, arm.actuator_indices[0]).startswith(arm.prefix)
+        assert model.joint(f"{arm.name}/wrist_3_joint").qposadr[0] == arm.qpos_indices[5]
+        assert mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, arm.actuator_indices[0]).startswith(f"{arm.name}/")
         with pytest.raises(ValueError, match="read-only"):
             arm.home_q[0] = 0.0

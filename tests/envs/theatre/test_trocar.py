@@ -48,7 +48,6 @@ class LoneShaft:
         mujoco.mj_forward(self.model, self.data)
         arm = Arm(
             name="arm",
-            prefix="",
             shaft=Shaft(length_m=0.3, diameter_m=2.0 * RADIUS_M, tip_radius_m=0.0),
             world_from_base=np.eye(4),
             trocar_in_world=PORT,

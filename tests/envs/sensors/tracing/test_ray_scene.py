@@ -3,8 +3,8 @@ import numpy as np
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.tracing import primitives
 from laploop.envs.sensors.tracing.device import open_device
-from laploop.envs.sensors.tracing.ray_scene import RayScene
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
+from laploop.envs.sensors.tracing.view_tracer import RayScene
 
 
 def test_normals_are_smooth_on_the_side_of_a_cylinder_and_sharp_at_its_ends():
