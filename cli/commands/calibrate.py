@@ -2,59 +2,40 @@
 
 from collections.abc import Sequence
 from dataclasses import field
+from typing import Annotated
 
-from laploop.assets.scope_optics import ScopeOptics
+import tyro
+
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import OutputPath, parse
-from laploop.configuration import Seed, configuration
-from laploop.envs.sensors.optics.presets import PresetName
-from laploop.studies.calibration.config import CalibrationConfig, JointNoise, Views
+from laploop.configuration import configuration
+from laploop.studies.calibration.config import CalibrationConfig
 from laploop.studies.scenes.optical_bench import OpticalBench
 
 
 @configuration
-class CalibrateArguments:
+class CalibrateArguments(CalibrationConfig):
     """Calibrate scope, reference camera, the transform between them, the projector, and the scope on its arm.
 
     All from rendered pictures, as on a bench. Writes `calibration.json`, `calibration.png`, `views.csv`, `corners.csv` and
     `summary.json`, which also holds the residuals that only a simulator knows.
     """
 
-    views: Views = 20
-    """Pictures in each step: the scope's own, the reference camera's own, pairs, stripes on a card, poses of the arm."""
-    seed: Seed = 0
-    """Of the poses and the sensors' noise."""
-    preset: PresetName = "paper"
-    """Optical model of the scope."""
-    projector: bool = True
-    """Calibrate the stripe projector as well."""
-    hand_eye: bool = True
-    """Calibrate the scope on the arm's flange as well."""
-    joint_noise_rad: JointNoise = 0.0
-    """Standard deviation of the joint angles that the arm reports."""
-    scope: ScopeOptics = field(default_factory=ScopeOptics)
+    bench: Annotated[OpticalBench, tyro.conf.arg(name="")] = field(default_factory=OpticalBench)
     out: OutputPath
 
 
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
-    chosen = parse(CalibrateArguments, arguments, "calibrate")
-    config = CalibrationConfig(
-        views=chosen.views,
-        seed=chosen.seed,
-        bench=OpticalBench(scope=chosen.scope, preset=chosen.preset),
-        projector=chosen.projector,
-        hand_eye=chosen.hand_eye,
-        joint_noise_rad=chosen.joint_noise_rad,
-    )
+    config = parse(CalibrateArguments, arguments, "calibrate")
 
     from laploop.perception.calibration.calibration_file import save_calibration
     from laploop.studies.calibration.figure import draw_calibration
     from laploop.studies.calibration.run import calibrate_bench  # slow to import
     from laploop.studies.calibration.truth import as_dict, corners_as_csv, true_residuals, views_as_csv
 
-    with OutputFolder(chosen.out, "calibrate") as folder:
+    with OutputFolder(config.out, "calibrate") as folder:
         with progress_bar("views", config.pictures) as advance_to:
             found = calibrate_bench(config, advance_to)
         with folder.artefact("calibration.json") as path:
@@ -65,7 +46,7 @@ def main(arguments: Sequence[str]) -> int:
             draw_calibration(found, path)
         folder.write_summary(as_dict(found), config=config, seed=config.seed)
     truth = true_residuals(found)
-    table = ResultTable(f"calibration, {config.views} views a step, preset {chosen.preset}")
+    table = ResultTable(f"calibration, {config.views} views a step, preset {config.bench.preset}")
     table.row("reprojection, scope", found.joint.scope_error_px, "px rms")
     table.row("reprojection, reference", found.joint.reference_error_px, "px rms")
     table.row("true residual of (R, t)", truth.stereo.rotation_deg, "degrees")

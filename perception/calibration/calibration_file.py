@@ -26,7 +26,7 @@ Other keys are ignored.
 import json
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -87,20 +87,9 @@ def as_json(
         "transforms": {"scope_from_reference": calibration.scope_from_reference.tolist()},
         "view_errors_px": list(calibration.view_errors_px),
     }
-    if projector is not None:
-        content["projector"] = {
-            "projector_from_camera": projector.projector_from_camera.tolist(),
-            "period_tan": projector.period_tan,
-            "phase_turns": projector.phase_turns,
-            "view_errors_turns": list(projector.view_errors_turns),
-            "deviations": dict(projector.deviations),
-        }
-    if hand_eye is not None:
-        content["hand_eye"] = {
-            "flange_from_camera": hand_eye.flange_from_camera.tolist(),
-            "world_from_board": hand_eye.world_from_board.tolist(),
-            "view_errors_px": list(hand_eye.view_errors_px),
-        }
+    for name, section in (("projector", projector), ("hand_eye", hand_eye)):
+        if section is not None:
+            content[name] = {field.name: _plain(getattr(section, field.name)) for field in fields(section)}
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
@@ -143,6 +132,12 @@ def _check_header(content: Any) -> None:
     for name, expected in (("schema", SCHEMA), ("version", VERSION), ("units", UNITS)):
         if (found := _field(content, name)) != expected:
             raise InvalidValueError(name, found, repr(expected))
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    return dict(value) if isinstance(value, Mapping) else value
 
 
 def _camera_as_dict(camera: CameraCalibration) -> dict[str, Any]:

@@ -9,7 +9,6 @@ from laploop.configuration import Field, Seed, configuration
 from laploop.studies.scenes.optical_bench import OpticalBench
 
 Views = Annotated[int, Field(ge=5, le=1000)]
-JointNoise = Annotated[float, Field(ge=0.0, le=0.1)]
 Depth = Annotated[float, Field(ge=0.03, le=0.3)]
 
 
@@ -17,13 +16,12 @@ Depth = Annotated[float, Field(ge=0.03, le=0.3)]
 class CalibrationConfig:
     """Which pictures are taken.
 
-    `views` counts the pictures of each step: the scope's own of the board; the reference camera's of a large board, which
-    replace its maker's calibration; pairs taken by both cameras; the card under the stripes, in the poses of the pairs; and
-    those at poses of the arm.
+    The reference camera's own pictures, of a large board, replace its maker's calibration; the card lies under the stripes in
+    the poses of the pairs.
     """
 
     views: Views = 20
-    """Pictures in each step."""
+    """Pictures in each step: the scope's own, the reference camera's own, pairs, stripes on a card, poses of the arm."""
     seed: Seed = 0
     """Of the poses and the sensors' noise."""
     bench: OpticalBench = field(default_factory=OpticalBench)
@@ -40,10 +38,10 @@ class CalibrationConfig:
     pair_depths_m: Span[Depth] = (0.07, 0.13)
     """The same, from the scope, in the pairs."""
     projector: bool = True
-    """Calibrate the projector as well."""
+    """Calibrate the stripe projector as well."""
     hand_eye: bool = True
-    """Calibrate the scope on the arm as well."""
-    joint_noise_rad: JointNoise = 0.0
+    """Calibrate the scope on the arm's flange as well."""
+    joint_noise_rad: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
     """Standard deviation of the joint angles that the arm reports."""
 
     def __post_init__(self) -> None:
