@@ -19,8 +19,8 @@ _GRACE_S = 4.0
 def stop_signals(name: str) -> Iterator[list[int]]:
     """Let SIGTERM take the same way out as Ctrl-C, a `KeyboardInterrupt`, which leaves nothing half-written.
 
-    Gives the signals received so far. A call into a library may hold that up, or swallow it: after four seconds the process
-    ends in any case, and says so of the command of that name.
+    Yields the signals received so far. A call into a library may hold that up, or swallow it: after four seconds the process
+    ends in any case, with a message that begins with `name`.
     """
     received: list[int] = []
 
