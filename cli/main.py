@@ -3,6 +3,7 @@
 Only the subcommand that was asked for is imported, so that `laploop --help` is quick.
 """
 
+import atexit
 import errno
 import os
 import signal
@@ -57,6 +58,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             error.write(f"laploop: cannot write to the standard output: {out.error.strerror}\n")
             status = status or EXIT_FAILED
         error.flush()
+        if arguments is None and status in {128 + number for number in STOP_SIGNALS}:
+            # What Python does at its end, without taking torch apart, which may last seconds.
+            atexit._run_exitfuncs()  # noqa: SLF001
+            os._exit(status)
         return status
 
 

@@ -3,6 +3,7 @@
 import os
 import select
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -13,14 +14,15 @@ STOP_SIGNALS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 """What a command says that one of them stopped."""
 
 _GRACE_S = 4.0
+_RETRY_S = 0.05
 
 
 @contextmanager
 def stop_signals(name: str) -> Iterator[list[int]]:
     """Let SIGTERM take the same way out as Ctrl-C, a `KeyboardInterrupt`, which leaves nothing half-written.
 
-    Yields the signals received so far. A call into a library may hold that up, or swallow it: after four seconds the process
-    ends in any case, with a message that begins with `name`.
+    Yields the signals received so far. Where the exception is lost, in a callback for example, it is raised again; where a call
+    into a library holds it up, the process ends after four seconds in any case, with a message that begins with `name`.
     """
     received: list[int] = []
 
@@ -29,6 +31,13 @@ def stop_signals(name: str) -> Iterator[list[int]]:
         if len(received) == 1:
             raise KeyboardInterrupt
 
+    def raise_again(lost: "sys.UnraisableHookArgs") -> None:
+        if received and issubclass(lost.exc_type, KeyboardInterrupt):
+            threading.Timer(_RETRY_S, os.kill, (os.getpid(), received.pop())).start()
+        else:
+            hook(lost)
+
+    hook, sys.unraisablehook = sys.unraisablehook, raise_again
     reader, writer = os.pipe()
     os.set_blocking(writer, False)
     handlers = {number: signal.signal(number, stop) for number in STOP_SIGNALS}
@@ -38,6 +47,7 @@ def stop_signals(name: str) -> Iterator[list[int]]:
     try:
         yield received
     finally:
+        sys.unraisablehook = hook
         signal.set_wakeup_fd(wakeup)
         for number, handler in handlers.items():
             signal.signal(number, handler)

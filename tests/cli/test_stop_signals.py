@@ -9,30 +9,42 @@ COMMAND = """
 import sys, time, types
 from laploop.cli import main as entry
 
-def waits(arguments):
+def work():
     sys.stdout.write("ready\\n")
     sys.stdout.flush()
+    time.sleep(60)
+
+class LosesExceptions:
+    def __del__(self):
+        work()
+
+def command(arguments):
     {body}
 
 module = types.ModuleType("laploop.cli.commands.fake")
-module.main = waits
+module.main = command
 sys.modules["laploop.cli.commands.fake"] = module
-entry.COMMANDS["fake"] = "waits"
-sys.exit(entry.main(["fake"]))
+entry.COMMANDS["fake"] = "works"
+sys.argv = ["laploop", "fake"]
+sys.exit(entry.main())
 """
 
 BODIES = {
-    "waiting": "time.sleep(60)",
+    "working": "work()",
     "swallowing the exception": """
     while True:
         try:
-            time.sleep(60)
+            work()
         except KeyboardInterrupt:
             pass
     """,
+    "in a callback that loses the exception": """
+    LosesExceptions()
+    time.sleep(60)
+    """,
     "ending in another error": """
     try:
-        time.sleep(60)
+        work()
     finally:
         raise ValueError("on the way out")
     """,
