@@ -40,7 +40,7 @@ def test_stage_gives_the_percentiles_in_milliseconds():
 
 
 def test_a_limit_of_the_slowest_hundredth_is_told_apart_from_one_of_the_median():
-    stage = Stage.of("control tick: prediction", [0.0003] * 100)
+    stage = Stage.of("control tick alone: prediction", [0.0003] * 100)
     assert (stage.limit_ms, stage.limit_p99_ms) == (None, 1.2)
 
 
