@@ -25,15 +25,20 @@ def stop_signals(name: str) -> Iterator[list[int]]:
     into a library holds it up, the process ends after four seconds in any case, with a message that begins with `name`.
     """
     received: list[int] = []
+    armed = True
 
     def stop(number: int, _frame: FrameType | None) -> None:
+        nonlocal armed
         received.append(number)
-        if len(received) == 1:
+        if armed:
+            armed = False
             raise KeyboardInterrupt
 
     def raise_again(lost: "sys.UnraisableHookArgs") -> None:
+        nonlocal armed
         if received and issubclass(lost.exc_type, KeyboardInterrupt):
-            threading.Timer(_RETRY_S, os.kill, (os.getpid(), received.pop())).start()
+            armed = True
+            threading.Timer(_RETRY_S, os.kill, (os.getpid(), received[0])).start()
         else:
             hook(lost)
 
