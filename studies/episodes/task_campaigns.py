@@ -1,4 +1,4 @@
-"""The campaigns of the table of tasks: which episodes, what is measured of them, and what is asked."""
+"""The campaigns of the table of tasks: which episodes, what is measured, and the targets."""
 
 import math
 from collections.abc import Mapping, Sequence

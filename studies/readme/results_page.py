@@ -120,7 +120,7 @@ def _write(page: Path, text: str) -> None:
 
 def _trials_table(summaries: Sequence[Mapping[str, Any]]) -> str:
     lines = [
-        "Closed loop: touch a chosen point, one tissue a seed, 40 ms of perception latency. The error is the distance from an",
+        "Touch a chosen point, one tissue a seed, 40 ms of perception latency. The error is the distance from an",
         "ideal touch at the end of the episode; force and trocar error are the worst of all physics steps of all episodes.",
         "",
         "| estimator | tissue | episodes | success | error mean | error worst | force worst | trocar error worst |",

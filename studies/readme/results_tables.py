@@ -8,24 +8,24 @@ from laploop.studies.episodes.task_table import MET, quantity
 
 
 def tasks_table(summary: Mapping[str, Any]) -> str:
-    """Return a line for each campaign of `laploop tasks`: its own numbers, what is asked of them, and what all have."""
+    """Return a line for each campaign of `laploop tasks`: its own numbers with their targets, and those that all have."""
     episodes = " or ".join(map(str, sorted({line["episodes"] for line in summary["campaigns"]})))
     heads = (
         "task",
         "estimator, tissue, arm",
         "success (95 %)",
-        "measured (asked)",
+        "measured (target)",
         "trocar error",
         "force",
         "collisions",
         "limits",
     )
     lines = [
-        f"The five tasks, {episodes} episodes a line, one tissue each. Trocar error is the worst of both arms, force the worst",
-        "on the tip, limits the greatest share that a joint used of its limits of angle, speed and acceleration: each over all",
-        "physics steps of all episodes.",
+        f"The five tasks, {episodes} episodes a line, one tissue each. Over all physics steps of all episodes: the worst",
+        "trocar error of both arms, the worst force on the tip, and the largest fraction of its limits of angle, speed and",
+        "acceleration that any joint used.",
         "",
-        f"| {' | '.join(heads)} | as asked |",
+        f"| {' | '.join(heads)} | meets its targets |",
         "|" + "---|" * (len(heads) + 1),
     ]
     for line in summary["campaigns"]:
@@ -76,12 +76,12 @@ def robustness_table(summary: Mapping[str, Any]) -> str:
     rows = summary["robustness"]
     lines = [
         f"Conditions beside the nominal one, {rows[0]['frames']} frames each on tissues of no data set, against exact",
-        "depth: over all pixels, over those that the projector reaches, and over those that the model stands by, in the",
-        "range of depth and, last, at any depth. Relative to the nominal condition, and to the nominal frame on the very",
-        "pixels that both show: an instrument hides the middle of the view, where depth is easiest. Of these conditions,",
-        "training of `ssle-phase` had large instruments and ill exposed frames, that of `compact` none. The last lines",
-        "are no model: they have the exact depth of all that the projector reaches, continued with the least bending into",
-        "the rest: what the unlit part of a view costs alone.",
+        "depth: over all pixels, over those the projector reaches, and over those the model marks valid, within the range",
+        "of depth and, in the last column, at any depth. Ratios are to the nominal condition, and to the nominal frame on the",
+        "same pixels: an instrument hides the middle of the view, where depth is easiest. `ssle-phase` was trained with large",
+        "instruments and badly exposed frames, `compact` with none of these conditions. The last rows are not a model: they",
+        "take exact depth wherever the projector reaches and continue it smoothly elsewhere, which shows what the unlit part",
+        "of a view costs by itself.",
         "",
         "| model | condition | MAE, all | to nominal | MAE, lit | to nominal | same pixels | valid | MAE, valid | any depth |",
         "|---|---|---|---|---|---|---|---|---|---|",
