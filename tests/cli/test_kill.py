@@ -113,7 +113,8 @@ def test_stopped_command_leaves_no_process_and_resumes_to_the_same_bits(inputs, 
             continue
         # Python has let go of the signal when it is about to end; a shell calls both 143.
         assert process.returncode in {-how, 128 + how}, error
-        assert "Traceback" not in error
+        # A worker whose parent is killed while it starts has nobody to tell it what to do: Python's own start says so.
+        assert how == signal.SIGKILL or "Traceback" not in error
         assert psutil.wait_procs(family, timeout=5.0 - (time.monotonic() - began))[1] == []
         stopped += 1
     process = start(name, inputs, out)
