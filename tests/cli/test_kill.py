@@ -30,7 +30,7 @@ WORKLOADS = {
     "trials": ["trials", "--perception", "oracle", "--seconds", "0.3", "--seeds", "6", "--workers", "2"],
     "synthesize": ["synthesize", *TISSUES, *SMALL, "--workers", "2"],
     "train": ["train", "--dataset", "FRAMES", "--epochs", "6", "--batch", "4", "--resume"],
-    "train through Lightning": [
+    "train with loader workers": [
         *("train", "--model", "dual-unet", "--size", "tiny", "--dataset", "FRAMES", "--epochs", "4", "--batch", "4"),
         *("--machine.workers", "2", "--resume"),
     ],
@@ -41,7 +41,7 @@ WORKLOADS = {
     ],
 }
 """Each takes seconds."""
-TIMES = {"collect": 5, "train through Lightning": 5}
+TIMES = {"collect": 5, "train with loader workers": 5}
 """How often each is stopped; 15 times where it says nothing."""
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
