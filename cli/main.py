@@ -13,6 +13,8 @@ from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
 from laploop.cli.stop_signals import STOP_SIGNALS, stop_signals
 from laploop.cli.streams import patient_streams
 from laploop.errors import InfeasibleError, LaploopError, MissingFileError, SimulationError, UnknownNameError, WorkerError
@@ -77,8 +79,10 @@ def _run(arguments: list[str]) -> int:
         sys.stderr.write(f"laploop: {UnknownNameError('command', name, COMMANDS)}\n")
         return EXIT_BAD_INPUT
     # The loop's matrices are small: OpenBLAS's threads gain nothing on them, and where the cores are busy they wait for
-    # each other so long that a product takes ten times as long. Must be set before numpy is imported.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # each other so long that a product takes ten times as long. The limit is for this process, the variable for its workers.
+    if "OPENBLAS_NUM_THREADS" not in os.environ:
+        threadpool_limits(1, user_api="blas")
+        os.environ["OPENBLAS_NUM_THREADS"] = "1"
     # Rerun would log on its own that the disk is full, which the recorder notices by itself.
     os.environ.setdefault("RUST_LOG", "off")
     with stop_signals(f"laploop {name}") as received:

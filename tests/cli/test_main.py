@@ -1,3 +1,4 @@
+import os
 import subprocess
 import sys
 from importlib.metadata import version
@@ -105,3 +106,15 @@ def test_mistakes_of_our_own_are_not_hidden(monkeypatch):
     install(monkeypatch, failing(ZeroDivisionError()))
     with pytest.raises(ZeroDivisionError):
         main(["fake"])
+
+
+def test_a_command_computes_on_one_thread_of_the_linear_algebra_library():
+    code = (
+        "import sys, types, threadpoolctl; from laploop.cli import main as entry\n"
+        "fake = types.ModuleType('laploop.cli.commands.fake')\n"
+        "fake.main = lambda _: print({pool['num_threads'] for pool in threadpoolctl.threadpool_info()}) or 0\n"
+        "sys.modules[fake.__name__] = fake; entry.COMMANDS['fake'] = 'fake'; sys.exit(entry.main(['fake']))"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True, env=environment)  # noqa: S603
+    assert done.stdout == "{1}\n"
