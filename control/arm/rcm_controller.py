@@ -252,7 +252,7 @@ class RcmController:
         }
 
     def _move(self, tip_velocity: Array, dt: float, joint_limit: JointBoxLimit) -> bool:
-        """Move the reference at a tip velocity, (3,), as far as limits allow; say whether there is a solution."""
+        """Move the reference at a tip velocity, (3,), as far as limits allow; return whether a solution exists."""
         reference = self._tip_reference + dt * tip_velocity
         parts = self._parts(reference, dt, joint_limit)
         try:

@@ -1,6 +1,5 @@
 """Estimators by name. Each is imported when it is made, so that asking for `phase` never loads torch."""
 
-import inspect
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -10,7 +9,7 @@ from laploop.errors import InvalidValueError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.geometry import Rig
 from laploop.perception.network_specs import SHIPPED, NetworkSpec
-from laploop.registry import Registry
+from laploop.registry import Registry, call_checked
 
 Factory = Callable[..., DepthEstimator]
 """A class, for example: called with the rig, with `weights` if a file is given, and with the user's arguments by name."""
@@ -67,22 +66,9 @@ def make_estimator(
     else:
         factory = entry
         given |= {} if weights is None else {"weights": Path(weights)}
-    _check_arguments(name, factory, rig, given)
-    made = factory(rig, **given)
+    made = call_checked("estimator", name, factory, rig, **given)
     if not isinstance(made, DepthEstimator):
         raise InvalidValueError(
             "estimator", name, f"what makes an object with estimate(image); it made a {type(made).__name__}"
         )
     return made
-
-
-def _check_arguments(name: str, factory: Factory, rig: Rig, given: Mapping[str, Any]) -> None:
-    if not callable(factory):
-        raise InvalidValueError("estimator", name, f"a class or another callable, not a {type(factory).__name__}")
-    signature = "(...)"
-    try:
-        signature = str(inspect.signature(factory))
-        inspect.signature(factory).bind(rig, **given)
-    except (TypeError, ValueError) as error:
-        allowed = f"those of {name}{signature}: {error}"
-        raise InvalidValueError(f"arguments of the estimator {name!r}", ["rig", *given], allowed) from error

@@ -68,7 +68,7 @@ class Registry(Generic[T]):
             return self._imported(name, entry or name)
         return entry
 
-    def make(self, name: str, *given: Any, **arguments: Any) -> Any:
+    def make(self, name: str, /, *given: Any, **arguments: Any) -> Any:
         """Call the entry of a name.
 
         Args:
@@ -80,18 +80,7 @@ class Registry(Generic[T]):
             UnknownNameError: If nothing has that name.
             InvalidValueError: If what it points at cannot be imported, cannot be called, or does not take the arguments.
         """
-        entry = self.get(name)
-        if not callable(entry):
-            raise InvalidValueError(self.kind, name, f"a class or a function; it is of type {type(entry).__name__}")
-        try:
-            taken = signature(entry)
-            taken.bind(*given, **arguments)
-        except ValueError:
-            pass  # Some callables written in C have no signature to check against.
-        except TypeError as error:
-            allowed = f"those of {name}{taken} ({error})"
-            raise InvalidValueError(f"names of arguments of {self.kind} {name}", list(arguments), allowed) from None
-        return entry(*given, **arguments)
+        return call_checked(self.kind, name, self.get(name), *given, **arguments)
 
     def _installed(self) -> dict[str, EntryPoint]:
         return {point.name: point for point in entry_points(group=self.group)}
@@ -107,3 +96,22 @@ class Registry(Generic[T]):
 def _is_path(name: str) -> bool:
     module, colon, attribute = name.partition(":")
     return bool(colon) and all(part.isidentifier() for part in (*module.split("."), *attribute.split(".")))
+
+
+def call_checked(kind: str, name: str, entry: Any, /, *given: Any, **arguments: Any) -> Any:
+    """Call what a name stands for, after a check that it takes the arguments.
+
+    Raises:
+        InvalidValueError: If it cannot be called, or does not take the arguments; what it raises itself passes.
+    """
+    if not callable(entry):
+        raise InvalidValueError(kind, name, f"a class or a function; it is of type {type(entry).__name__}")
+    try:
+        taken = signature(entry)
+        taken.bind(*given, **arguments)
+    except ValueError:
+        pass  # Some callables written in C have no signature to check against.
+    except TypeError as error:
+        allowed = f"those of {name}{taken} ({error})"
+        raise InvalidValueError(f"names of arguments of {kind} {name}", list(arguments), allowed) from None
+    return entry(*given, **arguments)

@@ -42,7 +42,7 @@ def test_a_users_controller_that_fails_holds_the_arm_and_shows_in_the_summary():
 
 
 def test_weights_that_do_not_fit_are_refused_before_anything_is_built(tmp_path):
-    with pytest.raises(InvalidValueError, match=r"arguments of the estimator 'oracle' is .*'weights'"):
+    with pytest.raises(InvalidValueError, match=r"names of arguments of estimator oracle is .*'weights'"):
         run_episode(EpisodeConfig.of(perception="oracle", weights=tmp_path / "some.safetensors"))
     with pytest.raises(MissingFileError, match="weights not found"):
         run_episode(EpisodeConfig.of(weights=tmp_path / "none.safetensors"))

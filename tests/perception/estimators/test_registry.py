@@ -45,7 +45,9 @@ def test_arguments_are_handed_over_and_others_refused(rig):
     config = PhaseConfig(saturated=200)
     assert make_estimator("phase", rig, arguments={"config": config}).config is config
     for name, arguments in (("phase", {"colour": 3}), ("compact", {"colour": 3}), ("oracle", {"rig": 3})):
-        with pytest.raises(InvalidValueError, match=rf"arguments of the estimator '{name}' is .*; allowed: those of {name}\("):
+        with pytest.raises(
+            InvalidValueError, match=rf"names of arguments of estimator {name} is .*; allowed: those of {name}\("
+        ):
             make_estimator(name, rig, arguments=arguments)
     with pytest.raises(InvalidValueError, match="max_scale_mm"):
         make_estimator("compact", rig, arguments={"max_scale_mm": -1.0})
@@ -55,8 +57,8 @@ def test_arguments_are_handed_over_and_others_refused(rig):
     ("path", "message"),
     [
         ("no_such_module:Estimator", "ModuleNotFoundError"),
-        ("math:tau", "not a float"),
-        ("builtins:str", "arguments of the estimator"),
+        ("math:tau", "it is of type float"),
+        ("builtins:str", "it made a str"),
         ("laploop.perception.networks.ssle_phase_front:rig_numbers", r"estimate\(image\); it made a tuple"),
     ],
 )
