@@ -31,9 +31,9 @@ MAX_WAIT_NS = 10_000_000_000
 class ClosedLoop:
     """A theatre with its sensor, its perception stage and its arm controllers, under one clock.
 
-    In every physics step the order is: physics, kinematics refreshed, proprioception, capture if a camera period begins,
-    arrival of depth frames. In every control period the joint references come first. A depth frame that a newer one has
-    overtaken is dropped when it arrives, so that the newest known is never replaced by an older one.
+    In every physics step the order is: physics, proprioception, capture if a camera period begins, arrival of depth frames. In
+    every control period the joint references come first. A depth frame that a newer one has overtaken is dropped when it
+    arrives, so that the newest known is never replaced by an older one.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class ClosedLoop:
         self.frame_count = 0
         models = {"camera": self.scope.model, "tool": self.tool.model}
         self.watch = LimitMonitor(self.theatre, models, self.config.rcm, self.config.control_s)
-        self._begin_period()
+        self._take_extremes()
         self.first_captured: CapturedFrame | None = None
         self.newest_captured: CapturedFrame | None = None
         self.newest_served: ServedFrame | None = None
@@ -145,26 +145,16 @@ class ClosedLoop:
                 self.watch.commanded("camera", qdot)
         self.timer.complete("control")
         self._proprioception.before_control_period()
-        self._begin_period()
         served: list[ServedFrame] = []
-        for remaining in reversed(range(steps)):
+        for _ in range(steps):
             with self.timer.measure("physics"):
                 self.theatre.step()
-                # MuJoCo leaves poses one step old; whoever reads them gets fresh ones.
-                if remaining == 0 or self.now_ns % self.config.camera_ns == 0:
-                    self.theatre.refresh()
-            self.timer.complete("physics")
             self._proprioception.after_physics_step()
-            for name, arm in (("camera", self.theatre.camera_arm), ("tool", self.theatre.tool_arm)):
-                self.max_rcm_error_m[name] = max(self.max_rcm_error_m[name], self.theatre.rcm_error_m(arm))
-                self.max_port_force_n[name] = max(self.max_port_force_n[name], self.theatre.port_force_n(arm))
-                self.max_port_friction_n[name] = max(self.max_port_friction_n[name], self.theatre.port_friction_n(arm))
-            self.watch.stepped()
-            force = float(np.linalg.norm(self.theatre.contact_force_in_world()))
-            self.max_force_n = max(self.max_force_n, force)
-            self.mean_force_n += force / steps
             self._capture_if_due()
             served += self._deliver()
+        self.timer.complete("physics")
+        self.watch.period_over()
+        self._take_extremes()
         return served
 
     @property
@@ -245,12 +235,14 @@ class ClosedLoop:
             self._server.close()
             self._server = None
 
-    def _begin_period(self) -> None:
-        """Forget the extremes of the last control period."""
-        self.max_rcm_error_m = dict.fromkeys(ARM_NAMES, 0.0)
-        self.max_port_force_n = dict.fromkeys(ARM_NAMES, 0.0)
-        self.max_port_friction_n = dict.fromkeys(ARM_NAMES, 0.0)
-        self.max_force_n = self.mean_force_n = 0.0
+    def _take_extremes(self) -> None:
+        """Find the worst of the newest control period's physics steps."""
+        log = self.theatre.log
+        self.max_rcm_error_m = dict(zip(ARM_NAMES, log.rcm_error_m.max(axis=0).tolist(), strict=True))
+        self.max_port_force_n = dict(zip(ARM_NAMES, log.port_force_n.max(axis=0).tolist(), strict=True))
+        self.max_port_friction_n = dict(zip(ARM_NAMES, log.port_friction_n.max(axis=0).tolist(), strict=True))
+        forces = np.linalg.norm(log.contact_force, axis=1)
+        self.max_force_n, self.mean_force_n = float(forces.max()), float(forces.mean())
 
     def _running_server(self) -> PerceptionServer:
         if self._server is None:

@@ -249,7 +249,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     def target_in_world(self) -> Array:
         """Return where the material target point is now, (3,), metres."""
-        return self.surface_target().position(self.loop.theatre.tissue.surface_points())
+        return self.surface_target().position(self.loop.theatre.tissue)
 
     def surface_target(self) -> SurfacePoint:
         """Return the target as a point of the tissue.
@@ -294,17 +294,14 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     def target_offset(self) -> tuple[Array, Array, Array]:
         """Return the vector from the target to the tool's tip, the target's normal, and the target, each (3,), in the world."""
-        points = self.loop.theatre.tissue.surface_points()
-        target = self.surface_target()
-        position = target.position(points)
-        return self.loop.theatre.tip_in_world() - position, target.normal(points), position
+        tissue, target = self.loop.theatre.tissue, self.surface_target()
+        position = target.position(tissue)
+        return self.loop.theatre.tip_in_world() - position, target.normal(tissue), position
 
     def touch_error_mm(self) -> float:
         """Return the distance of the tool's tip from an ideal touch: one ball radius above the target along its normal."""
-        points = self.loop.theatre.tissue.surface_points()
-        target = self.surface_target()
-        ideal = target.position(points) + INSTRUMENT.tip_radius_m * target.normal(points)
-        return float(np.linalg.norm(self.loop.theatre.tip_in_world() - ideal)) * 1e3
+        offset, normal, _ = self.target_offset()
+        return float(np.linalg.norm(offset - INSTRUMENT.tip_radius_m * normal)) * 1e3
 
     def is_assessed(self) -> bool:
         """Return whether this tick counts for the task's accuracy."""
