@@ -89,7 +89,8 @@ class ClosedLoop:
         self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
         self._camera = StripeCamera(self.rig, self.config.optics, device=self.config.device)
-        self._camera.attach(self.theatre.model, rng=texture_rng, appearance=self.theatre.config.tissue.appearance)
+        appearance = self.theatre.config.tissue.appearance
+        self._camera.attach(self.theatre.model, tissue=self.theatre.tissue, rng=texture_rng, appearance=appearance)
         self._server = PerceptionServer(self.estimator, self.config.latency.samples_ns(latency_rng))
         self._proprioception = Proprioception(self.tool, self.config.proprioception, self.config.physics_steps_per_control)
         self._proprioception.reset(np.random.RandomState(corruption_rng.integers(2**32)))

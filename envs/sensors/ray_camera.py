@@ -11,6 +11,7 @@ from laploop.envs.sensors.stripe_capture import ExactView
 from laploop.envs.sensors.tracing.device import open_device
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.envs.sensors.tracing.strip_runner import StripRunner
+from laploop.envs.sensors.tracing.tissue_surface import TissueSurface
 from laploop.envs.sensors.tracing.view_tracer import RayScene, ViewTracer
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Intrinsics, Rig
@@ -50,15 +51,16 @@ class RayCamera:
         self,
         model: mujoco.MjModel,
         *,
+        tissue: TissueSurface | None = None,
         groups: Collection[int] = (1,),
         rng: np.random.Generator | None = None,
         appearance: TissueAppearance | None = None,
     ) -> SceneGeometry:
-        """Look at the given geom and flex groups of a model from now on; see `SceneGeometry.from_model`.
+        """Look at a tissue and the given groups of a model from now on; see `SceneGeometry.from_model`.
 
         The default leaves out arms and abdominal wall.
         """
-        geometry = SceneGeometry.from_model(model, groups=groups, rng=rng, appearance=appearance)
+        geometry = SceneGeometry.from_model(model, tissue=tissue, groups=groups, rng=rng, appearance=appearance)
         self.attach_geometry(geometry)
         return geometry
 

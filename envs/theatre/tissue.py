@@ -7,6 +7,7 @@ import numpy as np
 
 from laploop.arrays import Array
 from laploop.assets.tissue_mesh import TissueMesh
+from laploop.envs.sensors.tracing.tissue_surface import flex_rest_points
 
 
 class Tissue:
@@ -21,6 +22,8 @@ class Tissue:
         """(m, 3), indices into `surface_points`, anticlockwise from outside, those of the top first; read-only."""
         self.top_triangles = mesh.triangles[: mesh.top_triangle_count]
         """(k, 3), the triangles of the top; read-only."""
+        self.rest_points = flex_rest_points(model)[self._rows]
+        """(n, 3), metres, the vertices in the model's reference pose; the tissue's texture sticks to them."""
         self.top_vertex_count = int(self.top_triangles.max()) + 1
         """Number of vertices of the top, the first of `surface_points`; the rest belong to the sides alone."""
 
