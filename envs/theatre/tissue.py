@@ -33,8 +33,8 @@ class Tissue:
         starts = np.arange(0, self._nodes.size + 1, 8)
         shape = (len(self._nodes), len(self._bodies))
         self._matrix = sparse.csr_array((self._weights.ravel(), self._nodes.ravel(), starts), shape=shape)
-        self.rest_points = mesh.surface_points
-        """(n, 3), metres in the phantom's frame: where the vertices are without load; read-only."""
+        self.rest_points = mesh.surface_points + model.body_pos[self._carrier]
+        """(n, 3), metres, the vertices in the model's reference pose; the tissue's texture sticks to them."""
         self.triangles = mesh.triangles
         """(m, 3), indices into `surface_points`, anticlockwise from outside, those of the top first; read-only."""
         self.top_triangles = mesh.triangles[: mesh.top_triangle_count]

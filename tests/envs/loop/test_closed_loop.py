@@ -45,7 +45,7 @@ def test_a_step_is_physics_then_proprioception_then_capture_then_arrival(task_en
         (Theatre, "set_joint_targets", "command"),
         (Theatre, "step", "physics"),
         (Proprioception, "after_physics_step", "proprioception"),
-        (StripeCamera, "capture", "capture"),
+        (StripeCamera, "snapshot", "capture"),
         (PerceptionServer, "poll", "arrival"),
     ):
         watch(monkeypatch, kind, method, lambda _, name=name: events.append(name))
@@ -73,7 +73,7 @@ def test_a_frame_shows_the_theatre_as_it_is_and_not_a_step_before(task_env, monk
         mujoco.mj_forward(theatre.model, fresh)
         lags.append(np.abs(fresh.site_xpos - theatre.data.site_xpos).max())
 
-    watch(monkeypatch, StripeCamera, "capture", compare)
+    watch(monkeypatch, StripeCamera, "snapshot", compare)
     for _ in range(10):
         env.step(np.array([0.0, 0.0, 0.03], np.float32))
     assert len(lags) == 4

@@ -76,7 +76,7 @@ def test_camera_sees_tissue_with_smooth_normals_in_the_middle(config):
     theatre.refresh()
     rig = Rig.from_optics(config.scope)
     camera = StripeCamera(rig, StripeOptics())
-    camera.attach(theatre.model)
+    camera.attach(theatre.model, tissue=theatre.tissue)
     capture = camera.capture(theatre.data, theatre.world_from_camera(), np.random.default_rng(0))
     middle = (slice(64, 192), slice(64, 192))
     assert np.all(capture.object_id[middle][capture.object_id[middle] != ObjectId.TOOL] == ObjectId.TISSUE)
