@@ -82,7 +82,7 @@ def test_a_touch_of_rigid_bodies_is_counted_and_one_of_the_tissue_is_not(theatre
     assert watch.worst.collision_steps == 1
     theatre.reset()
     # All nodes of the tissue, the last of the positions, up until it covers the tip.
-    theatre.data.qpos[2 - 3 * 25 :: 3] += 0.04
+    theatre.data.qpos[2 - 3 * 25 :: 3] += 0.045
     theatre.refresh()
     theatre.step()
     assert np.linalg.norm(theatre.contact_force_in_world()) > 0.0
