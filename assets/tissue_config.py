@@ -88,8 +88,14 @@ class TissueConfig:
     There is one cell from bottom to top: upper cells above a crease would hold next to no tissue, and their nodes, almost
     without mass and stiffness, would not come to rest.
     """
+    contact_every: Annotated[int, Field(ge=1, le=8)] = 1
+    """Contacts feel every so many samples of the top along x and y, a divisor of `shape.samples - 1`; the eye sees them all."""
     mesh: Path | None = None
     """A closed surface in millimetres (.stl, .obj or .ply) to be the phantom instead of a tissue that `shape` grows."""
+
+    def __post_init__(self) -> None:
+        if (self.shape.samples - 1) % self.contact_every:
+            raise InvalidValueError("contact_every", self.contact_every, f"a divisor of {self.shape.samples - 1}")
 
     @property
     def nodes(self) -> tuple[int, int, int]:

@@ -1,5 +1,6 @@
 """A phantom's solid: tetrahedra below a height field, or those that fill a user's own surface."""
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -33,20 +34,22 @@ class TissueMesh:
     """Whether the solid extends through the whole of its bounding box, so that no lattice cell is nearly empty."""
 
 
-def solid_mesh(shape: TissueShape, height: Array, cells: tuple[int, int] = (10, 10)) -> TissueMesh:
+def solid_mesh(shape: TissueShape, height: Array, cells: tuple[int, int] = (10, 10), every: int = 1) -> TissueMesh:
     """Fill the space between the plane z = 0 and the height field with tetrahedra, as few as the top allows.
 
-    The top keeps every sample, since it is what contact feels; the bottom, which lies on the plate, has a vertex only below
-    each edge of a lattice cell. Every tetrahedron stays within one cell where the samples are a multiple of the cells: mass and
-    stiffness of the lattice are then those of the finest mesh, to rounding.
+    The solid's top is what contact feels, by default at every sample; its bottom, which lies on the plate, has a vertex only
+    below each corner of a lattice cell. Every tetrahedron stays within one cell where the samples are a multiple of the cells:
+    mass and stiffness of the lattice are then those of the finest mesh, to rounding.
 
     Args:
         shape: Side and samples.
         height: (samples, samples), metres above the plane, indexed [x, y].
         cells: Lattice cells along x and y.
+        every: The solid takes every so many samples along x and y, the visible surface all of them.
 
     Raises:
-        InvalidValueError: If the height field is not (samples, samples), finite and positive.
+        InvalidValueError: If the height field is not (samples, samples), finite and positive, or the samples cannot be thinned
+            out that way.
     """
     n = shape.samples
     if height.shape != (n, n) or not np.all(np.isfinite(height)) or height.min() <= 0.0:
@@ -54,7 +57,10 @@ def solid_mesh(shape: TissueShape, height: Array, cells: tuple[int, int] = (10, 
     line = np.linspace(-0.5 * shape.side_m, 0.5 * shape.side_m, n)
     x, y = np.meshgrid(line, line, indexing="ij")
     top = np.stack([x, y, height], axis=-1).reshape(-1, 3)
-    points, tetrahedra = _columns(shape, top, cells)
+    if every < 1 or (n - 1) % every:
+        raise InvalidValueError("every", every, f"a divisor of samples - 1, {n - 1}")
+    felt = top.reshape(n, n, 3)[::every, ::every].reshape(-1, 3)
+    points, tetrahedra = _columns(shape.side_m, felt, cells)
     floor = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
     index = np.arange(2 * n * n, dtype=np.int32).reshape(2, n, n)
     return _solid(
@@ -99,16 +105,17 @@ def mean_top_height(mesh: TissueMesh) -> float:
     return float(np.sum(plan * corners[:, :, 2].mean(axis=1)) / plan.sum())
 
 
-def _columns(shape: TissueShape, top: Array, cells: tuple[int, int]) -> tuple[Array, Triangles]:
+def _columns(side_m: float, top: Array, cells: tuple[int, int]) -> tuple[Array, Triangles]:
     """Return vertices and tetrahedra between the bottom and the top, (samples^2, 3); finer below slopes that need it."""
-    plan = _normals(top[_grid_triangles(shape.samples)])[:, 2]
-    expected = float(np.sum(plan * top[_grid_triangles(shape.samples), 2].mean(axis=1)))
-    for factor in range(1, shape.samples):
-        below = tuple(min(factor * count, shape.samples - 1) for count in cells)
-        grid = [np.linspace(-0.5 * shape.side_m, 0.5 * shape.side_m, count + 1) for count in below]
+    samples = math.isqrt(len(top))
+    triangles = _grid_triangles(samples)
+    expected = float(np.sum(_normals(top[triangles])[:, 2] * top[triangles, 2].mean(axis=1)))
+    for factor in range(1, samples):
+        below = (min(factor * cells[0], samples - 1), min(factor * cells[1], samples - 1))
+        grid = [np.linspace(-0.5 * side_m, 0.5 * side_m, count + 1) for count in below]
         x, y = np.meshgrid(*grid, indexing="ij")
         points = np.concatenate([np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3), top])
-        tetrahedra = _column_tetrahedra(shape.samples, (below[0] + 1, below[1] + 1))
+        tetrahedra = _column_tetrahedra(samples, (below[0] + 1, below[1] + 1))
         volumes = _volumes(points, tetrahedra)
         # Below a slope so steep that its plane passes under the bottom's vertex, tetrahedra turn over.
         if volumes.min() > 0.0 and np.isclose(volumes.sum(), expected, rtol=1e-9, atol=0.0):

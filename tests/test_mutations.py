@@ -79,8 +79,8 @@ MUTATIONS = (
     Mutation(
         name="ball-radius-forgotten",
         file="envs/tasks/task_env.py",
-        before="ideal = target.position(points) + INSTRUMENT.tip_radius_m * target.normal(points)",
-        after="ideal = target.position(points)",
+        before="offset - INSTRUMENT.tip_radius_m * normal",
+        after="offset",
         tests=("tests/envs/tasks/test_task_env.py",),
     ),
     Mutation(

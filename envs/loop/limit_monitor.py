@@ -45,8 +45,12 @@ class LimitMonitor:
     def __init__(self, theatre: Theatre, models: Mapping[str, ArmModel], config: RcmControllerConfig, control_s: float) -> None:
         self.worst = MotionExtremes()
         self._theatre = theatre
-        self._arms = {"camera": theatre.camera_arm, "tool": theatre.tool_arm}
-        self._models = dict(models)
+        arms = {"camera": theatre.camera_arm, "tool": theatre.tool_arm}
+        self._upper_position = np.stack([models[name].upper_position for name in arms])
+        self._max_speed = np.stack([models[name].max_joint_speed for name in arms])
+        self._length = np.array([arm.shaft.length_m for arm in arms.values()])
+        self._radii = sum(0.5 * arm.shaft.diameter_m for arm in arms.values())
+        self._holder = np.array([_HOLDER_M[name] for name in arms])
         self._command_speed = {
             name: np.minimum(model.max_joint_speed, config.max_joint_speed_radps) for name, model in models.items()
         }
@@ -63,27 +67,23 @@ class LimitMonitor:
     def period_over(self) -> None:
         """Take in the physics steps of the control period that has just ended."""
         worst, log, wall = self.worst, self._theatre.log, self._theatre.config.layout.wall_z_m
-        for column, (name, arm) in enumerate(self._arms.items()):
-            model = self._models[name]
-            position = _most(log.joints[:, column] / model.upper_position)
-            worst.joint_position_share = max(worst.joint_position_share, position)
-            speed = _most(log.joint_speeds[:, column] / model.max_joint_speed)
-            worst.joint_speed_share = max(worst.joint_speed_share, speed)
-            tip, axis = log.tip[:, column, 2], log.axis[:, column, 2]
-            # The lowest point of the holder, a cylinder along the shaft.
-            flange = tip - arm.shaft.length_m * axis
-            holder = flange + _HOLDER_M[name] * axis - _HOLDER_RADIUS_M * np.sqrt(np.maximum(0.0, 1.0 - axis**2))
-            worst.wall_room_mm = min(worst.wall_room_mm, 1e3 * float(wall - tip.max()), 1e3 * float(holder.min() - wall))
-        worst.shaft_room_mm = min(worst.shaft_room_mm, 1e3 * min(map(self._shaft_room, log.tip, log.axis)))
+        worst.joint_position_share = max(worst.joint_position_share, _most(log.joints / self._upper_position))
+        worst.joint_speed_share = max(worst.joint_speed_share, _most(log.joint_speeds / self._max_speed))
+        flange = log.tip - self._length[:, None] * log.axis
+        # The lowest point of the holder, a cylinder along the shaft.
+        upright = log.axis[..., 2]
+        holder = flange[..., 2] + self._holder * upright - _HOLDER_RADIUS_M * np.sqrt(np.maximum(0.0, 1.0 - upright**2))
+        room_m = min(float(wall - log.tip[..., 2].max()), float(holder.min() - wall))
+        worst.wall_room_mm = min(worst.wall_room_mm, 1e3 * room_m)
+        for tips, flanges in zip(log.tip, flange, strict=True):
+            worst.shaft_room_mm = min(worst.shaft_room_mm, 1e3 * self._shaft_room(tips, flanges))
         worst.collision_steps += int(log.collided.sum())
 
-    def _shaft_room(self, tips: Array, axes: Array) -> float:
-        """Return the clearance between both shafts, metres, from tips and axes, (2, 3) each."""
-        arms = list(self._arms.values())
-        flanges = [tip - arm.shaft.length_m * axis for arm, tip, axis in zip(arms, tips, axes, strict=True)]
+    def _shaft_room(self, tips: Array, flanges: Array) -> float:
+        """Return the clearance between both shafts, metres, from their ends, (2, 3) each."""
         s, t = nearest_parameters(tips[0], flanges[0], tips[1], flanges[1])
         apart = tips[0] + s * (flanges[0] - tips[0]) - tips[1] - t * (flanges[1] - tips[1])
-        return float(np.linalg.norm(apart)) - sum(0.5 * arm.shaft.diameter_m for arm in arms)
+        return math.sqrt(apart @ apart) - self._radii
 
 
 def _most(fractions: Array) -> float:

@@ -71,11 +71,18 @@ class SurfacePoint:
     def normal(self, points: Points) -> Array:
         """Return the unit normal (3,): the corners' area-weighted normals, interpolated."""
         a, b, c = points[self._around][self._neighbours.T]
-        doubled_areas = np.cross(b - a, c - a)
+        doubled_areas = _cross(b - a, c - a)
         corner_normals = self._incidence.T @ doubled_areas
         corner_normals /= np.linalg.norm(corner_normals, axis=1, keepdims=True)
         normal: Array = self._weights @ corner_normals
         return normal / np.linalg.norm(normal)
+
+
+def _cross(u: Array, v: Array) -> Array:
+    """Return the cross products of rows (n, 3): numpy's own takes three times as long for a few."""
+    x, y, z = u.T
+    a, b, c = v.T
+    return np.stack([y * c - z * b, z * a - x * c, x * b - y * a], axis=-1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -124,6 +124,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self.observation_space = observation_space(mode, size, self.extra_spaces())
         self._running = False
         self._target: SurfacePoint | None = None
+        # Of a time and a target: measuring and observing both ask for it.
+        self._offset: tuple[int, SurfacePoint, tuple[Array, Array, Array]] | None = None
         self.target_pixel: Array = np.full(2, np.nan)
         self._measured: tuple[ServedFrame, bool] | None = None
         self._depth_mae_mm: float | None = None
@@ -206,7 +208,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         theatre_seed = int(theatre_rng.integers(2**31)) if seed is None else int(seed)
         self._interpreter.reset()
         # The target is chosen in the first frame, at time 0, before the loop runs.
-        self._target = None
+        self._target = self._offset = None
         choose = partial(self.choose_target, target_rng, options or {})
         self.loop.reset(theatre_rng, theatre_seed=theatre_seed, at_first_frame=choose)
         self.measure(begin=True)
@@ -304,9 +306,13 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     def target_offset(self) -> tuple[Array, Array, Array]:
         """Return the vector from the target to the tool's tip, the target's normal, and the target, each (3,), in the world."""
-        tissue, target = self.loop.theatre.tissue, self.surface_target()
-        position = target.position(tissue)
-        return self.loop.theatre.tip_in_world() - position, target.normal(tissue), position
+        now_ns, target = self.loop.now_ns, self.surface_target()
+        if self._offset is None or self._offset[:2] != (now_ns, target):
+            tissue = self.loop.theatre.tissue
+            position = target.position(tissue)
+            offset = self.loop.theatre.tip_in_world() - position
+            self._offset = now_ns, target, (offset, target.normal(tissue), position)
+        return self._offset[2]
 
     def touch_error_mm(self) -> float:
         """Return the distance of the tool's tip from an ideal touch: one ball radius above the target along its normal."""

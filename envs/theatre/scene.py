@@ -180,7 +180,7 @@ def _tissue(config: TissueConfig, rng: np.random.Generator, solid: TissueMesh | 
     if solid is not None:
         return solid, mean_top_height(solid), float(solid.points[:, 2].max())
     height = height_field(config.shape, rng)
-    return solid_mesh(config.shape, height, config.cells), float(height.mean()), float(height.max())
+    return solid_mesh(config.shape, height, config.cells, config.contact_every), float(height.mean()), float(height.max())
 
 
 def _check_clearances(stage: Array, top_height: float, layout: TheatreLayout) -> None:

@@ -36,7 +36,7 @@ class TrainingScene:
         `furnish` adds further objects to the `mujoco.MjSpec` before it is compiled.
         """
         height = height_field(config.shape, rng)
-        mesh = solid_mesh(config.shape, height, config.cells)
+        mesh = solid_mesh(config.shape, height, config.cells, config.contact_every)
         self.mean_height_m = float(height.mean())
         spec = build_stage()
         spec.modelname = "training"

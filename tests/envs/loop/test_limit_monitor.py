@@ -91,7 +91,10 @@ def test_a_touch_of_rigid_bodies_is_counted_and_one_of_the_tissue_is_not(theatre
 
 
 def test_a_longer_control_period_allows_a_greater_change(theatre):
-    arms = {"tool": ArmModel(theatre.tool_arm.world_from_base, theatre.tool_arm.shaft)}
+    arms = {
+        name: ArmModel(arm.world_from_base, arm.shaft)
+        for name, arm in (("camera", theatre.camera_arm), ("tool", theatre.tool_arm))
+    }
     config = replace(RcmControllerConfig(), max_joint_acceleration_radps2=10.0)
     watch = LimitMonitor(theatre, arms, config, 0.016)
     watch.commanded("tool", np.full(6, 0.16))
