@@ -28,16 +28,24 @@ _IDLE = 0.02
 """Nodes that carry less than this fraction of an inner node's tissue are so light and soft that they hardly come to rest."""
 
 
-def build_phantom(mesh: TissueMesh, config: TissueConfig) -> Any:
+def build_phantom(mesh: TissueMesh, config: TissueConfig, *, whole: bool = True) -> Any:
     """Build the phantom as a `mujoco.MjSpec` with one body, `PHANTOM`, whose origin is the middle of the flat bottom.
 
     The body's place is prescribed (a mocap body): attach it to the world. Nodes of the bottom layer are fixed to it; everything
     above is free and elastic. Where a mesh does not fill its box, upper nodes that carry next to no tissue are fixed, too.
+
+    Args:
+        mesh: The solid.
+        config: Material and lattice.
+        whole: Whether to take all its tetrahedra. Those that contacts need are fewer; mass and stiffness are then to be put
+            right with `copy_mechanics`.
     """
     material = config.material
     cells, nodes = config.cells, config.nodes
-    points = " ".join(map(repr, mesh.points.ravel().tolist()))
-    elements = " ".join(map(str, mesh.tetrahedra.ravel().tolist()))
+    carried = mesh.tetrahedra if whole else mesh.tetrahedra[mesh.outer]
+    rows, numbers = np.unique(carried, return_inverse=True)
+    points = " ".join(map(repr, mesh.points[rows].ravel().tolist()))
+    elements = " ".join(map(str, numbers.ravel().tolist()))
     corners = mesh.points[mesh.tetrahedra]
     volumes = np.linalg.det(corners[:, 1:] - corners[:, :1])
     volume = float(volumes.sum() / 6.0)
@@ -61,6 +69,20 @@ def build_phantom(mesh: TissueMesh, config: TissueConfig) -> Any:
   </worldbody>
 </mujoco>"""
     return mujoco.MjSpec.from_string(xml)
+
+
+def copy_mechanics(source: Any, target: Any, *, first_body: int) -> None:
+    """Copy mass and stiffness of a compiled phantom into a model with one on the same lattice; call `mj_setConst` after.
+
+    Args:
+        source: The compiled phantom alone.
+        target: The model.
+        first_body: The number of the model's body `PHANTOM`; those of the nodes follow.
+    """
+    target.flex_stiffness[:] = source.flex_stiffness
+    bodies = slice(first_body, first_body + source.nbody - 1)
+    target.body_mass[bodies] = source.body_mass[1:]
+    target.body_inertia[bodies] = source.body_inertia[1:]
 
 
 def _idle_nodes(mesh: TissueMesh, config: TissueConfig, volumes: Array) -> NDArray[np.intp]:

@@ -25,6 +25,8 @@ class TissueMesh:
     """(n, 3), metres: vertices of the solid."""
     tetrahedra: NDArray[np.int32]
     """(m, 4), rows of `points`, positively oriented."""
+    outer: NDArray[np.int32]
+    """(k,), rows of `tetrahedra`: those that contacts need; together they are as wide, deep and high as the whole."""
     surface_points: Array
     """(k, 3), metres: vertices of the top and the sides; those of the top come first."""
     triangles: NDArray[np.int32]
@@ -69,6 +71,7 @@ def solid_mesh(shape: TissueShape, height: Array, cells: tuple[int, int] = (10, 
         np.concatenate([floor, top]),
         top=_grid_triangles(n) + n * n,
         sides=_side_quads(index),
+        outer=np.arange(len(tetrahedra), dtype=np.int32),
         fills_box=True,
     )
 
@@ -90,12 +93,21 @@ def solid_from_tetrahedra(points: Array, tetrahedra: NDArray[np.int32]) -> Tissu
     # Three corners of a positive tetrahedron are anticlockwise from outside in these orders.
     faces = np.concatenate([tetrahedra[:, order] for order in ([1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1])])
     _, first, uses = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    shell = faces[first[uses == 1]]
-    normals = _normals(points[shell])
-    underside = (normals[:, 2] < 0.0) & np.all(points[shell, 2] < _UNDERSIDE_M, axis=1)
-    shell, normals = shell[~underside], normals[~underside]
+    exposed = first[uses == 1]
+    normals = _normals(points[faces[exposed]])
+    underside = (normals[:, 2] < 0.0) & np.all(points[faces[exposed], 2] < _UNDERSIDE_M, axis=1)
+    exposed, normals = exposed[~underside], normals[~underside]
+    shell = faces[exposed]
     top = _seen_from_above(points[shell], normals)
-    return _solid(points, tetrahedra, points, top=shell[top], sides=shell[~top], fills_box=False)
+    return _solid(
+        points,
+        tetrahedra,
+        points,
+        top=shell[top],
+        sides=shell[~top],
+        outer=_outer(points, tetrahedra, exposed % len(tetrahedra)),
+        fills_box=False,
+    )
 
 
 def mean_top_height(mesh: TissueMesh) -> float:
@@ -160,8 +172,22 @@ def _column_tetrahedra(samples: int, below: tuple[int, int]) -> Triangles:
     return result
 
 
+def _outer(points: Array, tetrahedra: Triangles, exposed: NDArray[np.intp]) -> NDArray[np.int32]:
+    """Return the rows of the tetrahedra under the visible surface, and of those that span the solid's box."""
+    corners = np.concatenate([points.argmin(axis=0), points.argmax(axis=0)])
+    spanning = np.flatnonzero(np.isin(tetrahedra, corners).any(axis=1))
+    return np.union1d(exposed, spanning).astype(np.int32)
+
+
 def _solid(
-    points: Array, tetrahedra: Triangles, vertices: Array, *, top: Triangles, sides: Triangles, fills_box: bool
+    points: Array,
+    tetrahedra: Triangles,
+    vertices: Array,
+    *,
+    top: Triangles,
+    sides: Triangles,
+    outer: NDArray[np.int32],
+    fills_box: bool,
 ) -> TissueMesh:
     """Number the vertices of the surface; `top` and `sides` are triangles of rows of `vertices`."""
     top_vertices = np.unique(top)
@@ -169,11 +195,12 @@ def _solid(
     place = np.full(len(vertices), -1, dtype=np.int32)
     place[rows] = np.arange(rows.size, dtype=np.int32)
     surface, triangles = vertices[rows], place[np.concatenate([top, sides])]
-    for array in (points, tetrahedra, surface, triangles):
+    for array in (points, tetrahedra, outer, surface, triangles):
         array.flags.writeable = False
     return TissueMesh(
         points=points,
         tetrahedra=tetrahedra,
+        outer=outer,
         surface_points=surface,
         triangles=triangles,
         top_triangle_count=len(top),

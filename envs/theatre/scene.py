@@ -167,7 +167,7 @@ def _kept_scene(config: TheatreConfig, seed: int, timestep_s: float, solid: Tiss
 def _template_key(plan: TheatrePlan) -> tuple[Hashable, ...]:
     """Return what decides all of a model but the arrays that `with_phantom` replaces."""
     mesh = plan.mesh
-    shape = hashlib.sha256(mesh.tetrahedra.tobytes())
+    shape = hashlib.sha256(mesh.tetrahedra[mesh.outer].tobytes())
     if not mesh.fills_box:
         # Which nodes are fixed depends on the solid itself.
         shape.update(mesh.points.tobytes())

@@ -11,7 +11,7 @@ from laploop.arrays import Array
 from laploop.assets.instrument import CONTACT_JOINTS, build_instrument
 from laploop.assets.laparoscope import build_laparoscope
 from laploop.assets.operating_table import build_operating_table, build_stage
-from laploop.assets.phantom import PHANTOM, TISSUE, build_phantom
+from laploop.assets.phantom import PHANTOM, TISSUE, build_phantom, copy_mechanics
 from laploop.assets.tissue_mesh import TissueMesh
 from laploop.assets.ur5 import build_ur5
 from laploop.assets.ur5_description import FLANGE
@@ -65,7 +65,7 @@ class TheatrePlan:
 
 
 def compile_theatre(plan: TheatrePlan) -> Any:
-    """Compose and compile a theatre."""
+    """Compose and compile a theatre, whose phantom has the mechanics of the tetrahedra that contacts need alone."""
     config = plan.config
     spec = build_operating_table(wall_height_m=config.layout.wall_z_m, trocars=plan.trocars)
     spec.modelname = "theatre"
@@ -92,7 +92,8 @@ def compile_theatre(plan: TheatrePlan) -> Any:
         position, quaternion = plan.bases[name][:3, 3], _quaternion(plan.bases[name])
         spec.attach(arm, prefix=f"{name}/", frame=spec.worldbody.add_frame(pos=position, quat=quaternion))
     spec.attach(build_stage(), prefix="stage/", frame=spec.worldbody.add_frame(pos=plan.stage))
-    spec.attach(build_phantom(plan.mesh, config.tissue), prefix="phantom/", frame=spec.worldbody.add_frame(pos=plan.stage))
+    phantom = build_phantom(plan.mesh, config.tissue, whole=False)
+    spec.attach(phantom, prefix="phantom/", frame=spec.worldbody.add_frame(pos=plan.stage))
     model = spec.compile()
     _set_mean_inertia(model)
     return model
@@ -101,29 +102,34 @@ def compile_theatre(plan: TheatrePlan) -> Any:
 def with_phantom(model: Any, plan: TheatrePlan) -> Any:
     """Return a copy of a compiled theatre with the plan's phantom and stage in place of its own, without compiling it anew.
 
-    Both theatres must differ in nothing else, and their meshes have the same tetrahedra. The result is, to the bit, what
-    `compile_theatre` makes of the plan.
+    Both theatres must differ in nothing else, and their meshes have the same tetrahedra. Where contacts need all of these, the
+    result is, to the bit, what `compile_theatre` makes of the plan. Mass and stiffness are always those of the whole solid.
     """
     result = copy.copy(model)
-    spec = mujoco.MjSpec()
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
-    # Where it will stand: elsewhere, stiffness would differ in its last digit.
-    spec.attach(build_phantom(plan.mesh, plan.config.tissue), frame=spec.worldbody.add_frame(pos=plan.stage))
-    phantom = spec.compile()
-    for name in ("flex_node0", "flex_size", "flex_stiffness", "flex_vert", "flex_vert0"):
+    phantom = _phantom_alone(plan, whole=False)
+    for name in ("flex_node0", "flex_size", "flex_vert", "flex_vert0"):
         getattr(result, name)[:] = getattr(phantom, name)
     tree = int(result.flex_bvhadr[0]), int(phantom.flex_bvhadr[0])
     count = int(phantom.flex_bvhnum[0])
     result.bvh_nodeid[tree[0] : tree[0] + count] = phantom.bvh_nodeid[tree[1] : tree[1] + count]
     first = int(result.body(PHANTOM_BODY).id)
-    bodies = slice(first, first + phantom.nbody - 1)
-    for name in ("body_pos", "body_mass", "body_inertia"):
-        getattr(result, name)[bodies] = getattr(phantom, name)[1:]
+    result.body_pos[first : first + phantom.nbody - 1] = phantom.body_pos[1:]
+    partial = len(plan.mesh.outer) < len(plan.mesh.tetrahedra)
+    copy_mechanics(_phantom_alone(plan, whole=True) if partial else phantom, result, first_body=first)
     for name in STAGE_BODIES:
         result.body_pos[result.body(name).id] = plan.stage
     mujoco.mj_setConst(result, mujoco.MjData(result))
     _set_mean_inertia(result)
     return result
+
+
+def _phantom_alone(plan: TheatrePlan, *, whole: bool) -> Any:
+    spec = mujoco.MjSpec()
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+    # Where it will stand: elsewhere, stiffness would differ in its last digit.
+    phantom = build_phantom(plan.mesh, plan.config.tissue, whole=whole)
+    spec.attach(phantom, frame=spec.worldbody.add_frame(pos=plan.stage))
+    return spec.compile()
 
 
 def arrays_of_phantom(model: Any) -> dict[str, Array]:
