@@ -33,6 +33,7 @@ COMMANDS = {
     "trials": "run many episodes, one a seed; success rate and error table",
     "tasks": "run every task over many seeds; which meets its targets",
     "bench": "measure every stage of the loop on this machine",
+    "fidelity": "measure what the cheaper simulation changes",
     "collect": "collect stripe frames paired with a reference camera's depth",
     "synthesize": "render stripe frames with exact depth, for training",
     "train": "train a depth network on rendered frames or collected pairs",

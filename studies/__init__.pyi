@@ -16,6 +16,8 @@ from .episodes.task_table import TaskTableConfig as TaskTableConfig
 from .episodes.task_table import run_task_table as run_task_table
 from .episodes.trials import TrialsConfig as TrialsConfig
 from .episodes.trials import run_trials as run_trials
+from .fidelity.run import FidelityConfig as FidelityConfig
+from .fidelity.run import measure_fidelity as measure_fidelity
 from .synthesis.config import TrainingFramesConfig as TrainingFramesConfig
 from .synthesis.run import render_training_frames as render_training_frames
 from .timing.bench import BenchConfig as BenchConfig
@@ -33,6 +35,7 @@ __all__ = [
     "CharacterizationConfig",
     "Check",
     "DepthEvaluation",
+    "FidelityConfig",
     "RobustnessConfig",
     "SpeedConfig",
     "TaskTableConfig",
@@ -42,6 +45,7 @@ __all__ = [
     "characterise",
     "collect_pairs",
     "evaluate_depth",
+    "measure_fidelity",
     "measure_robustness",
     "measure_speed",
     "render_training_frames",
