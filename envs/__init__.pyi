@@ -4,6 +4,7 @@ from .episode_config import EpisodeConfig as EpisodeConfig
 from .episode_config import EpisodeOptions as EpisodeOptions
 from .episode_config import PerceptionConfig as PerceptionConfig
 from .episode_config import PredictorConfig as PredictorConfig
+from .fidelity import with_fidelity as with_fidelity
 from .loop.closed_loop import ClosedLoop as ClosedLoop
 from .loop.config import LoopConfig as LoopConfig
 from .loop.faults import Fault as Fault
@@ -104,4 +105,5 @@ __all__ = [
     "environment_id",
     "optics_preset",
     "run_episode",
+    "with_fidelity",
 ]
