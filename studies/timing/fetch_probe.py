@@ -10,6 +10,7 @@ import os
 import sys
 import time
 import warnings
+from typing import Any
 
 import numpy as np
 
@@ -22,53 +23,50 @@ class Fetch:
 
     def __init__(self) -> None:
         """Make it, and find out whether it can be seen."""
-        import gymnasium
-        import gymnasium_robotics
-
-        gymnasium.register_envs(gymnasium_robotics)
-        found = [name for name in gymnasium.registry if name.startswith("FetchReach-v")]
-        self.name = max(found, key=lambda name: int(name.rpartition("v")[2]))
-        self.picture = self._make(gymnasium, "rgb_array", width=_SIZE, height=_SIZE)
-        self.why = "" if self.picture else self._why
-        if not self.picture:
-            self._make(gymnasium, None)
-
-    def _make(self, gymnasium, mode, **size) -> bool:
-        """Make the environment, and return whether a picture could be taken."""
+        self.why_not = ""
+        """Why there is no picture; empty where there is one."""
         try:
-            # No limit of time: it runs for as long as it is measured.
-            self._env = gymnasium.make(self.name, render_mode=mode, max_episode_steps=10**9, **size).unwrapped
-            self._env.reset(seed=0)
-            if mode is not None:
-                self._env.render()
+            self._env = _environment(render_mode="rgb_array", width=_SIZE, height=_SIZE)
+            self._env.render()
         except Exception as error:  # noqa: BLE001  whatever a missing driver raises
-            if mode is None:
-                raise
-            self._why = f"{type(error).__name__}: {error}".splitlines()[0]
-            return False
+            self.why_not = f"{type(error).__name__}: {error}".splitlines()[0]
+            os.environ["MUJOCO_GL"] = "disabled"
+            self._env = _environment()
         self._steps = 0
-        return mode is not None
 
-    def block(self, count) -> dict:
+    def block(self, count: int) -> dict[str, float]:
         """Measure `count` steps."""
         cpu, wall = time.process_time(), time.perf_counter()
         for _ in range(count):
             angle = 2.0 * np.pi * self._steps / 100.0
             self._env.step(np.array([0.2 * np.cos(angle), 0.2 * np.sin(angle), 0.0, 0.0], dtype=np.float32))
-            if self.picture:
+            if not self.why_not:
                 self._env.render()
             self._steps += 1
         wall_s, cpu_s = time.perf_counter() - wall, time.process_time() - cpu
         return {"units": count, "wall_s": wall_s, "cpu_s": cpu_s}
 
-    def about(self) -> dict:
+    def about(self) -> dict[str, Any]:
         """Return what is measured."""
         from importlib.metadata import version
 
         step_ms = 1e3 * self._env.model.opt.timestep * self._env.n_substeps
-        versions = {name: version(name) for name in ("gymnasium-robotics", "mujoco")}
-        picture = [_SIZE, _SIZE] if self.picture else None
-        return {"environment": self.name, "step_ms": step_ms, "picture": picture, "why": self.why, **versions}
+        picture = None if self.why_not else [_SIZE, _SIZE]
+        about = {"environment": self._env.spec.id, "step_ms": step_ms, "picture": picture, "why_not": self.why_not}
+        return about | {name: version(name) for name in ("gymnasium-robotics", "mujoco")}
+
+
+def _environment(**options: Any) -> Any:
+    """Make the newest Fetch that there is, without a limit of time."""
+    import gymnasium
+    import gymnasium_robotics  # type: ignore[import-not-found]
+
+    gymnasium.register_envs(gymnasium_robotics)
+    found = [name for name in gymnasium.registry if name.startswith("FetchReach-v")]
+    newest = max(found, key=lambda name: int(name.rpartition("v")[2]))
+    environment = gymnasium.make(newest, max_episode_steps=10**9, **options).unwrapped
+    environment.reset(seed=0)
+    return environment
 
 
 def _main() -> None:
@@ -79,15 +77,15 @@ def _main() -> None:
     warnings.simplefilter("ignore")
     fetch = Fetch()
     count = 0
-    print(json.dumps(fetch.about()), file=protocol, flush=True)  # noqa: T201  the protocol
+    print(json.dumps(fetch.about()), file=protocol, flush=True)
     for line in sys.stdin:
         request = json.loads(line)
         if "measure" in request:
             count = request["options"]["count"]
-            answer = {}
+            answer: dict[str, Any] = {}
         else:
             answer = fetch.block(count)
-        print(json.dumps(answer), file=protocol, flush=True)  # noqa: T201
+        print(json.dumps(answer), file=protocol, flush=True)
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ Sample = dict[str, Any]
 class Measure(Protocol):
     """Something prepared that can be measured again and again."""
 
-    def block(self, number: int) -> Sample:
+    def block(self, number: int, /) -> Sample:
         """Measure once."""
 
     def close(self) -> None:
@@ -103,7 +103,7 @@ class Steps:
         # Recorders ask for laps as well, after which they are forgotten.
         vars(timer)["lap_ms"] = self._lap
 
-    def block(self, number: int) -> Sample:
+    def block(self, _number: int, /) -> Sample:
         """Measure some steps; `stage_ms` adds up to the wall time of one, `background_ms` passes beside it."""
         self._lap()
         self._laps.clear()
@@ -136,7 +136,7 @@ class Steps:
 
 
 class Physics:
-    """Physics with all that goes with it: the loop between two frames, without the arm's controller; camera and network rest."""
+    """Physics with all that goes with it: the loop between two frames, without the arm's controller."""
 
     _COUNT = 20
 
@@ -148,7 +148,7 @@ class Physics:
         if pressing:
             self._press(observation)
 
-    def block(self, number: int) -> Sample:
+    def block(self, _number: int, /) -> Sample:
         """Measure `_COUNT` camera periods of physics between two frames."""
         loop = self._env.loop
         room_ns = (self._COUNT + 1) * FRAME_NS
@@ -197,7 +197,7 @@ class PhysicsSteps:
         self._theatre = Theatre(loop.theatre, loop, seed=seed)
         self._steps = self._COUNT * FRAME_NS // loop.physics_ns
 
-    def block(self, number: int) -> Sample:
+    def block(self, _number: int, /) -> Sample:
         """Measure `_COUNT` camera periods of physics."""
 
         def run() -> None:
@@ -225,7 +225,7 @@ class Captures:
         attach(self._theatre.model, appearance=loop.theatre.tissue.appearance, rng=np.random.default_rng(seed), **surface)
         self._rng = np.random.default_rng(seed)
 
-    def block(self, number: int) -> Sample:
+    def block(self, _number: int, /) -> Sample:
         """Measure `_COUNT` pictures."""
         total = {"units": float(self._COUNT), "wall_s": 0.0, "cpu_s": 0.0}
         for _ in range(self._COUNT):
@@ -249,7 +249,7 @@ class Resets:
         self._seed, self._new = seed, new
         self._env.reset(seed=seed)
 
-    def block(self, number: int) -> Sample:
+    def block(self, number: int, /) -> Sample:
         """Measure a reset."""
         seed = self._seed + 1 + number if self._new else self._seed
         return _took(lambda: self._env.reset(seed=seed), 1)
@@ -266,7 +266,7 @@ class Episodes:
         episode = EpisodeConfig.of(perception=perception, seed=seed, seconds=seconds)
         self._episode = episode if with_fidelity is None else replace(episode, task=with_fidelity(episode.task, fidelity))
 
-    def block(self, number: int) -> Sample:
+    def block(self, number: int, /) -> Sample:
         """Measure an episode; its `summary` comes with it."""
         episode = replace(self._episode, seed=self._episode.seed + number)
         cpu = time.process_time()
@@ -285,7 +285,7 @@ class Memory:
     def __init__(self, *, fidelity: str, observation: str, seed: int) -> None:
         self._steps = Steps(fidelity=fidelity, observation=observation, seed=seed, count=25)
 
-    def block(self, number: int) -> Sample:
+    def block(self, number: int, /) -> Sample:
         """Return `peak_mb` and `resident_mb` after a second of simulated time."""
         sample = self._steps.block(number)
         status = Path("/proc/self/status")
@@ -314,7 +314,7 @@ MEASURES: dict[str, Callable[..., Measure]] = {
 def serve(requests: TextIO, answers: TextIO) -> None:
     """Answer until there are no more requests."""
     current: Measure | None = None
-    print(json.dumps({"source": str(Path(laploop.__file__).parent)}), file=answers, flush=True)  # noqa: T201  the protocol
+    print(json.dumps({"source": str(Path(laploop.__file__).parent)}), file=answers, flush=True)
     for line in requests:
         request = json.loads(line)
         if "measure" in request:
@@ -324,7 +324,7 @@ def serve(requests: TextIO, answers: TextIO) -> None:
             answer: Sample = {"fidelity": "full" if with_fidelity is None else request["options"].get("fidelity")}
         elif current is not None:
             answer = current.block(request["block"])
-        print(json.dumps(answer), file=answers, flush=True)  # noqa: T201
+        print(json.dumps(answer), file=answers, flush=True)
     if current is not None:
         current.close()
 

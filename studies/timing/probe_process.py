@@ -81,16 +81,18 @@ class ProbeProcess:
 
     def close(self) -> None:
         """End the process."""
-        with suppress(OSError):
-            self._process.communicate("", timeout=0.0 if sys.exc_info()[0] else _PATIENCE_S)
-        with suppress(OSError):
-            self._process.kill()
+        if self._process.stdin is not None:
+            with suppress(OSError):
+                self._process.stdin.close()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout=_PATIENCE_S)
+        self._process.kill()
         self._process.wait()
         self._folder.cleanup()
 
     def _ask(self, request: Mapping[str, Any]) -> Sample:
         with suppress(OSError):
-            print(json.dumps(request), file=self._process.stdin, flush=True)  # noqa: T201  the protocol
+            print(json.dumps(request), file=self._process.stdin, flush=True)
         return self._answer()
 
     def _answer(self) -> Sample:
