@@ -18,8 +18,8 @@ from .episodes.trials import TrialsConfig as TrialsConfig
 from .episodes.trials import run_trials as run_trials
 from .synthesis.config import TrainingFramesConfig as TrainingFramesConfig
 from .synthesis.run import render_training_frames as render_training_frames
-from .timing.bench_config import BenchConfig as BenchConfig
 from .timing.bench import run_bench as run_bench
+from .timing.bench_config import BenchConfig as BenchConfig
 from .timing.speed import measure_speed as measure_speed
 from .timing.speed_config import SpeedConfig as SpeedConfig
 

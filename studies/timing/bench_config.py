@@ -27,9 +27,9 @@ class BenchConfig:
     """Estimator of the whole episodes."""
     seconds: Annotated[float, Field(gt=0.0, le=3600.0)] = 10.0
     """Simulated time after which an unsolved episode ends."""
-    fidelities: Annotated[tuple[FidelityName, ...], Field(min_length=1)] = get_args(FidelityName)
+    fidelities: Annotated[tuple[FidelityName, ...], Field(min_length=1, max_length=2)] = get_args(FidelityName)
     """Fidelities at which steps, episodes, resets, physics, camera and memory are measured."""
-    observations: Annotated[tuple[ObservationName, ...], Field(min_length=1)] = get_args(ObservationName)
+    observations: Annotated[tuple[ObservationName, ...], Field(min_length=1, max_length=4)] = get_args(ObservationName)
     """Observations whose steps are measured; behind depth, the estimator."""
     rounds: Annotated[int, Field(ge=1, le=1000)] = 7
     """Measurements of each of these; those of another checkout come in between."""
