@@ -14,6 +14,9 @@ from laploop.assets.tissue_mesh import TissueMesh
 TISSUE = "tissue"
 """Name of the flex."""
 
+PHANTOM = "phantom"
+"""Name of the body that carries it."""
+
 _SKIN_M = 1e-5
 """Distance between the visible surface and the one that collides."""
 
@@ -26,10 +29,10 @@ _IDLE = 0.02
 
 
 def build_phantom(mesh: TissueMesh, config: TissueConfig) -> Any:
-    """Build the phantom as a `mujoco.MjSpec` with one body, whose origin is the middle of the flat bottom.
+    """Build the phantom as a `mujoco.MjSpec` with one body, `PHANTOM`, whose origin is the middle of the flat bottom.
 
-    Nodes of the bottom layer are fixed to that body; everything above is free and elastic. Where a mesh does not fill its
-    box, upper nodes that carry next to no tissue are fixed, too.
+    The body's place is prescribed (a mocap body): attach it to the world. Nodes of the bottom layer are fixed to it; everything
+    above is free and elastic. Where a mesh does not fill its box, upper nodes that carry next to no tissue are fixed, too.
     """
     material = config.material
     cells, nodes = config.cells, config.nodes
@@ -44,7 +47,7 @@ def build_phantom(mesh: TissueMesh, config: TissueConfig) -> Any:
 <mujoco model="phantom">
   <option integrator="discrete"/>
   <worldbody>
-    <body name="phantom">
+    <body name="{PHANTOM}" mocap="true">
       <flexcomp name="{TISSUE}" type="direct" dim="3" dof="trilinear" cellcount="{cells[0]} {cells[1]} 1"
                 radius="{_SKIN_M!r}" mass="{volume * material.density!r}" rgba="0.86 0.52 0.46 1" group="{VISIBLE_GROUP}"
                 point="{points}" element="{elements}">

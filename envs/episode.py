@@ -3,7 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,9 @@ def run_episode(
     spec = task_spec(config.task.kind)
     rig = Rig.from_optics(config.task.loop.theatre.scope)
     estimator = estimator or make_estimator(config.perception.name, rig, config.perception.weights, config.perception.arguments)
-    env = spec.environment_class(config.task, perception=estimator, recorder=recorder)
+    # Controllers know what `control_input` tells them; nobody looks at observations.
+    task = replace(config.task, observation_mode="state")
+    env = spec.environment_class(task, perception=estimator, recorder=recorder)
     try:
         if controller is None:
             controller = make_controller(

@@ -65,8 +65,8 @@ MUTATIONS = (
     Mutation(
         name="oldest-wins-after-perception",
         file="envs/loop/closed_loop.py",
-        before="one.depth.captured_ns <= self.newest_served.depth.captured_ns",
-        after="one.depth.captured_ns >= self.newest_served.depth.captured_ns",
+        before="one.captured_ns <= self.newest_served.captured_ns",
+        after="one.captured_ns >= self.newest_served.captured_ns",
         tests=("tests/envs/loop/test_closed_loop.py",),
     ),
     Mutation(

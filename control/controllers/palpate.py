@@ -4,7 +4,7 @@ from typing import Annotated
 
 from laploop.arrays import Array
 from laploop.configuration import Field, configuration
-from laploop.control.controllers.admittance import Admittance
+from laploop.control.controllers.admittance import Admittance, AdmittanceConfig
 from laploop.control.controllers.approach_geometry import ApproachGeometry
 from laploop.control.controllers.phase import Phase
 from laploop.control.controllers.touch import TouchController, TouchControllerConfig
@@ -22,7 +22,7 @@ class PalpateControllerConfig(TouchControllerConfig):
     """Distance from that force within which the hold begins."""
     force_rate_nps: Annotated[float, Field(gt=0.0, le=100.0)] = 0.5
     """Rate at which the wanted force rises from the touch on."""
-    admittance: Admittance = Field(default_factory=lambda: Admittance(gain_mps_per_n=0.06))
+    admittance: AdmittanceConfig = Field(default_factory=lambda: AdmittanceConfig(gain_mps_per_n=0.06))
     """How the force is kept."""
     max_indentation_m: Annotated[float, Field(gt=0.0, le=0.1)] = 0.012
     """Depth below the seen surface beyond which the tip does not press, whatever the force says."""
@@ -42,12 +42,17 @@ class PalpateController(TouchController[PalpateControllerConfig]):
 
     config_class = PalpateControllerConfig
 
+    def _set_up(self) -> None:
+        super()._set_up()
+        self._admittance = Admittance(self._config.admittance)
+
     def _leave(self) -> None:
         super()._leave()
         self._wanted_n = 0.0
 
     def _begin_contact(self, state: ControlInput) -> Phase:
         self._wanted_n = state.contact_force_n
+        self._admittance.reset()
         return Phase.PRESS
 
     def _in_contact(self, state: ControlInput, geometry: ApproachGeometry, elapsed: float) -> Array:
@@ -56,7 +61,7 @@ class PalpateController(TouchController[PalpateControllerConfig]):
         way = geometry.goal - state.tip_in_camera
         deep = float(way @ normal)
         across = motion.back(way - deep * normal, lead_ns=state.lead_ns)
-        lift = config.admittance.lift_mps(state.contact_force_n - self._wanted_n, state.lead_ns)
+        lift = self._admittance.lift_mps(state.contact_force_n - self._wanted_n, state.lead_ns, elapsed)
         if deep > config.max_indentation_m:
             lift = max(lift, motion.gain(state.lead_ns) * (deep - config.max_indentation_m))
         self._raise_force(state, elapsed)

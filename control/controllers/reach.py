@@ -1,15 +1,18 @@
 """The scripted reach: to the surface, and a light touch that follows it."""
 
+import math
 from typing import Annotated
+
+import numpy as np
 
 from laploop.arrays import Array
 from laploop.configuration import Field, configuration
-from laploop.control.controllers.admittance import Admittance
+from laploop.control.controllers.admittance import Admittance, AdmittanceConfig
 from laploop.control.controllers.approach_geometry import ApproachGeometry
 from laploop.control.controllers.phase import Phase
 from laploop.control.controllers.touch import TouchController, TouchControllerConfig
 from laploop.control.messages import ControlInput
-from laploop.control.targeting.targeting import TargetingConfig
+from laploop.control.targeting.targeting import Target, TargetingConfig
 from laploop.errors import InvalidValueError
 
 
@@ -20,8 +23,17 @@ class ReachControllerConfig(TouchControllerConfig):
     targeting: TargetingConfig = Field(default_factory=TargetingConfig)
     """How the target is followed."""
     hold_force_n: Annotated[float, Field(gt=0.0, le=10.0)] = 0.04
-    """Force kept up while touching."""
-    admittance: Admittance = Field(default_factory=lambda: Admittance(gain_mps_per_n=0.08))
+    """Force kept up while touching steady tissue."""
+    unsteady_force_ns_m: Annotated[float, Field(ge=0.0, le=1000.0)] = 120.0
+    """Further force per change of the tissue's speed between two depth frames beyond `steady_change_mps`: late depth cannot
+    follow it, and a light touch would be lost. Breathing with a heartbeat of 1 mm comes to about 0.1 N."""
+    steady_change_mps: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0007
+    """Change of speed between two depth frames that the force above bears: that of breathing of 10 mm is 0.0005."""
+    unsteady_s: Annotated[float, Field(gt=0.0, le=60.0)] = 2.0
+    """Time constant with which such a change is forgotten."""
+    max_hold_force_n: Annotated[float, Field(gt=0.0, le=10.0)] = 0.15
+    """Greatest force that is kept up."""
+    admittance: AdmittanceConfig = Field(default_factory=lambda: AdmittanceConfig(gain_mps_per_n=0.08, integral_per_s=6.0))
     """How the force is kept."""
     adaptation_per_s: Annotated[float, Field(gt=0.0, le=100.0)] = 3.0
     """How fast the felt surface corrects the seen one while touching."""
@@ -31,6 +43,9 @@ class ReachControllerConfig(TouchControllerConfig):
         if not low <= self.hold_force_n <= high:
             allowed = f"contact_force_n ({low}) to approach.withdraw_force_n ({high})"
             raise InvalidValueError("hold_force_n", self.hold_force_n, allowed)
+        if not self.hold_force_n <= self.max_hold_force_n <= high:
+            allowed = f"hold_force_n ({self.hold_force_n}) to approach.withdraw_force_n ({high})"
+            raise InvalidValueError("max_hold_force_n", self.max_hold_force_n, allowed)
 
 
 class ReachController(TouchController[ReachControllerConfig]):
@@ -38,7 +53,29 @@ class ReachController(TouchController[ReachControllerConfig]):
 
     config_class = ReachControllerConfig
 
+    def _set_up(self) -> None:
+        super()._set_up()
+        self._admittance = Admittance(self._config.admittance)
+
+    def reset(self) -> None:
+        """Forget everything; a new episode begins."""
+        super().reset()
+        self._velocity: Array | None = None
+        self._speed_change_mps = 0.0
+
+    def _advance(self, state: ControlInput, target: Target | None) -> Array | ApproachGeometry:
+        if target is not None:
+            self._watch_speed(target)
+        return super()._advance(state, target)
+
+    def _watch_speed(self, target: Target) -> None:
+        """Keep the greatest change of the tissue's speed, which decays; speeds change when a depth frame has arrived."""
+        change = 0.0 if self._velocity is None else float(np.linalg.norm(target.velocity - self._velocity))
+        self._velocity = target.velocity
+        self._speed_change_mps = max(self._speed_change_mps * math.exp(-self._elapsed / self._config.unsteady_s), change)
+
     def _begin_contact(self, state: ControlInput) -> Phase:  # noqa: ARG002  the base's signature
+        self._admittance.reset()
         return Phase.TOUCH
 
     def _in_contact(self, state: ControlInput, geometry: ApproachGeometry, elapsed: float) -> Array:
@@ -49,7 +86,9 @@ class ReachController(TouchController[ReachControllerConfig]):
         way = geometry.goal - state.tip_in_camera
         deep = float(way @ normal)
         across = motion.back(way - deep * normal, lead_ns=state.lead_ns)
-        lift = config.admittance.lift_mps(force - config.hold_force_n, state.lead_ns)
+        unsteady_mps = max(self._speed_change_mps - config.steady_change_mps, 0.0)
+        wanted = min(config.hold_force_n + config.unsteady_force_ns_m * unsteady_mps, config.max_hold_force_n)
+        lift = self._admittance.lift_mps(force - wanted, state.lead_ns, elapsed)
         beyond = deep - config.guarded_move.search_m
         if beyond > 0.0 and lift < 0.0:
             # Nothing is felt that deep below the surface: go by sight.

@@ -7,12 +7,15 @@ import numpy as np
 from laploop.arrays import Array
 from laploop.control.arm.rcm_controller import RcmController, RcmStatus
 from laploop.control.messages import ControlInput
+from laploop.envs.loop.background import WAIT
+from laploop.envs.loop.captured_frame import CapturedFrame
 from laploop.envs.loop.config import LoopConfig
 from laploop.envs.loop.faults import FaultInjector
+from laploop.envs.loop.frame_renderer import FrameRenderer
 from laploop.envs.loop.kinematic_errors import KinematicErrors
 from laploop.envs.loop.limit_monitor import LimitMonitor
 from laploop.envs.loop.miscalibrated_arm import MiscalibratedArm, MiscalibratedScope, MiscalibratedTool
-from laploop.envs.loop.perception_server import CapturedFrame, PerceptionServer, ServedFrame
+from laploop.envs.loop.perception_server import PerceptionServer, ServedFrame
 from laploop.envs.loop.proprioception import Proprioception, ProprioceptiveReading
 from laploop.envs.loop.stage_timer import StageTimer
 from laploop.envs.recording.recorder import ARM_NAMES, DepthRecord, FrameRecord, NullRecorder, Recorder
@@ -22,7 +25,6 @@ from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
-from laploop.perception.messages import StripeFrame
 
 MAX_WAIT_NS = 10_000_000_000
 """How long a reset waits for the first depth frame."""
@@ -31,9 +33,9 @@ MAX_WAIT_NS = 10_000_000_000
 class ClosedLoop:
     """A theatre with its sensor, its perception stage and its arm controllers, under one clock.
 
-    In every physics step the order is: physics, kinematics refreshed, proprioception, capture if a camera period begins,
-    arrival of depth frames. In every control period the joint references come first. A depth frame that a newer one has
-    overtaken is dropped when it arrives, so that the newest known is never replaced by an older one.
+    In every physics step the order is: physics, proprioception, capture if a camera period begins, arrival of depth frames. In
+    every control period the joint references come first. A depth frame that a newer one has overtaken is dropped when it
+    arrives, so that the newest known is never replaced by an older one.
     """
 
     def __init__(
@@ -44,6 +46,8 @@ class ClosedLoop:
         *,
         moves_scope: bool = False,
         locate_target: Callable[[], Array] | None = None,
+        images: bool = True,
+        depth: bool = True,
     ) -> None:
         """Keep the parts that outlive an episode; `reset` makes the rest.
 
@@ -53,6 +57,8 @@ class ClosedLoop:
             recorder: Told everything.
             moves_scope: Whether the camera arm is controlled; it stands still otherwise.
             locate_target: Returns where in the world the target is, (3,), for its marker; called at every capture.
+            images: Whether each image will be asked for, so that it is rendered at once, while physics goes on.
+            depth: The same for depth maps. What nobody asks for is not computed.
         """
         self.config = config
         self._moves_scope = moves_scope
@@ -62,6 +68,10 @@ class ClosedLoop:
         self.rig = Rig.from_optics(config.theatre.scope)
         self.timer = StageTimer()
         self.max_force_n = self.mean_force_n = 0.0
+        self._images_ahead = images or self.recorder.takes_frames or self.recorder.takes_depth
+        self._depth_ahead = depth or self.recorder.takes_depth
+        self._camera: StripeCamera | None = None
+        self._renderer: FrameRenderer | None = None
         self._server: PerceptionServer | None = None
 
     def reset(self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None) -> None:
@@ -76,7 +86,7 @@ class ClosedLoop:
             SimulationError: If no depth frame arrives.
         """
         self.close()
-        self._noise_rng, latency_rng, corruption_rng, texture_rng, tool_rng, scope_rng = rng.spawn(6)
+        noise_rng, latency_rng, corruption_rng, texture_rng, tool_rng, scope_rng = rng.spawn(6)
         self.timer = StageTimer()
         self.theatre = Theatre(self.config.theatre, self.config, seed=theatre_seed)
         self.theatre.reset()
@@ -88,27 +98,26 @@ class ClosedLoop:
         self._scope_controller = self._controller(self.scope) if self._moves_scope else None
         self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
-        self._camera = StripeCamera(self.rig, self.config.optics, device=self.config.device)
-        self._camera.attach(self.theatre.model, rng=texture_rng, appearance=self.theatre.config.tissue.appearance)
-        self._server = PerceptionServer(self.estimator, self.config.latency.samples_ns(latency_rng))
+        self._renderer = FrameRenderer(self._attached_camera(texture_rng), noise_rng, self.timer)
+        self._server = PerceptionServer(
+            self.estimator, self.config.latency.samples_ns(latency_rng), self.timer, ahead=self._depth_ahead
+        )
         self._proprioception = Proprioception(self.tool, self.config.proprioception, self.config.physics_steps_per_control)
         self._proprioception.reset(np.random.RandomState(corruption_rng.integers(2**32)))
         self.frame_count = 0
         models = {"camera": self.scope.model, "tool": self.tool.model}
         self.watch = LimitMonitor(self.theatre, models, self.config.rcm, self.config.control_s)
-        self._begin_period()
+        self._take_extremes()
         self.first_captured: CapturedFrame | None = None
         self.newest_captured: CapturedFrame | None = None
         self.newest_served: ServedFrame | None = None
         self._in_transfer: list[CapturedFrame] = []
         self._overtaken = 0
-        # Where the target's marker appears in the frames that are under way or newest, by their index.
-        self._markers: dict[int, Array | None] = {}
         self.recorder.begin(self.theatre, self.rig)
         self._capture_if_due()
         if at_first_frame is not None:
             at_first_frame()
-        self._mark(self.first_captured)
+        self._mark(self.newest_captured)
         self._deliver()
         while self.newest_served is None:
             if self.now_ns > MAX_WAIT_NS:
@@ -145,26 +154,16 @@ class ClosedLoop:
                 self.watch.commanded("camera", qdot)
         self.timer.complete("control")
         self._proprioception.before_control_period()
-        self._begin_period()
         served: list[ServedFrame] = []
-        for remaining in reversed(range(steps)):
+        for _ in range(steps):
             with self.timer.measure("physics"):
                 self.theatre.step()
-                # MuJoCo leaves poses one step old; whoever reads them gets fresh ones.
-                if remaining == 0 or self.now_ns % self.config.camera_ns == 0:
-                    self.theatre.refresh()
-            self.timer.complete("physics")
             self._proprioception.after_physics_step()
-            for name, arm in (("camera", self.theatre.camera_arm), ("tool", self.theatre.tool_arm)):
-                self.max_rcm_error_m[name] = max(self.max_rcm_error_m[name], self.theatre.rcm_error_m(arm))
-                self.max_port_force_n[name] = max(self.max_port_force_n[name], self.theatre.port_force_n(arm))
-                self.max_port_friction_n[name] = max(self.max_port_friction_n[name], self.theatre.port_friction_n(arm))
-            self.watch.stepped()
-            force = float(np.linalg.norm(self.theatre.contact_force_in_world()))
-            self.max_force_n = max(self.max_force_n, force)
-            self.mean_force_n += force / steps
             self._capture_if_due()
             served += self._deliver()
+        self.timer.complete("physics")
+        self.watch.period_over()
+        self._take_extremes()
         return served
 
     @property
@@ -212,17 +211,33 @@ class ClosedLoop:
         """Return what the tool arm's own channels deliver now."""
         return self.injector.reading(self._proprioception.read(), self.now_ns)
 
-    def control_input(self, target_pixel: Array) -> ControlInput:
+    @property
+    def depth_is_used(self) -> bool:
+        """Whether this episode's depth maps are asked for: beforehand, or by `control_input` so far."""
+        return self._server is not None and self._server.ahead
+
+    def marker_pixel(self) -> Array | None:
+        """Return where the target's marker was seen, (2,), in the frame of the newest depth map; None where it was not."""
+        return None if self.newest_served is None else self.newest_served.marker_pixel(self.rig.camera)
+
+    def control_input(self, target_pixel: Array, *, with_depth: bool = True) -> ControlInput:
         """Gather everything that a tip controller may know, except what only its task knows.
+
+        Args:
+            target_pixel: (2,), the chosen pixel of the first frame.
+            with_depth: Whether to wait for the newest depth map and the marker seen with it; neither is given otherwise.
 
         Raises:
             SimulationError: If no episode is running.
         """
-        self._running_server()
+        server = self._running_server()
+        if with_depth:
+            # Who asks once will ask again.
+            server.ahead = True
         world_from_camera = self.scope.world_from_camera()
         camera_from_world = invert_transform(world_from_camera)
         reading = self.reading()
-        newest = self.newest_served
+        newest = self.newest_served if with_depth else None
         return ControlInput(
             now_ns=self.now_ns,
             depth=newest.depth if newest else None,
@@ -236,26 +251,44 @@ class ClosedLoop:
             scope_trocar_in_camera=transform_points(camera_from_world, self.scope.trocar_in_world),
             world_from_camera=world_from_camera,
             lead_ns=self.config.theatre.actuation.lead_ns,
-            marker_pixel=self._markers.get(newest.depth.index) if newest else None,
+            marker_pixel=self.marker_pixel() if with_depth else None,
         )
 
     def close(self) -> None:
-        """End the perception thread of the running episode, if any."""
+        """End the threads of the running episode, if any."""
         if self._server is not None:
             self._server.close()
             self._server = None
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
 
-    def _begin_period(self) -> None:
-        """Forget the extremes of the last control period."""
-        self.max_rcm_error_m = dict.fromkeys(ARM_NAMES, 0.0)
-        self.max_port_force_n = dict.fromkeys(ARM_NAMES, 0.0)
-        self.max_port_friction_n = dict.fromkeys(ARM_NAMES, 0.0)
-        self.max_force_n = self.mean_force_n = 0.0
+    def _take_extremes(self) -> None:
+        """Find the worst of the newest control period's physics steps."""
+        log = self.theatre.log
+        self.max_rcm_error_m = dict(zip(ARM_NAMES, log.rcm_error_m.max(axis=0).tolist(), strict=True))
+        self.max_port_force_n = dict(zip(ARM_NAMES, log.port_force_n.max(axis=0).tolist(), strict=True))
+        self.max_port_friction_n = dict(zip(ARM_NAMES, log.port_friction_n.max(axis=0).tolist(), strict=True))
+        forces = np.linalg.norm(log.contact_force, axis=1)
+        self.max_force_n, self.mean_force_n = float(forces.max()), float(forces.mean())
 
     def _running_server(self) -> PerceptionServer:
         if self._server is None:
             raise SimulationError("no episode is running; call reset() first")
         return self._server
+
+    def _attached_camera(self, texture_rng: np.random.Generator) -> StripeCamera:
+        """Return the camera, made in the first episode, as it is at the begin of one and with the theatre before it."""
+        optics, theatre = self.config.optics, self.theatre
+        if self._camera is None:
+            # One thread: physics and perception have work for the others.
+            self._camera = StripeCamera(self.rig, optics, device=self.config.device, threads=1)
+        elif self._camera.optics != optics:
+            # Exposure control has changed it.
+            self._camera.set_optics(optics)
+        appearance = theatre.config.tissue.appearance
+        self._camera.attach(theatre.model, tissue=theatre.tissue, rng=texture_rng, appearance=appearance)
+        return self._camera
 
     def _controller(self, arm: MiscalibratedArm) -> RcmController:
         controller = RcmController(arm.model, arm.trocar_in_world, self.config.rcm)
@@ -274,63 +307,65 @@ class ClosedLoop:
 
     def _capture_if_due(self) -> None:
         now_ns = self.now_ns
-        if now_ns % self.config.camera_ns:
+        if now_ns % self.config.camera_ns or self._renderer is None:
             return
-        # Recording costs most when frames come, so that a sample of it is a whole camera period.
+        # Waiting and recording cost most when frames come, so that a sample of them is a whole camera period.
         self.timer.complete("record")
-        with self.timer.measure("render"):
-            world_from_camera = self.theatre.world_from_camera()
-            truth = self._camera.capture(self.theatre.data, world_from_camera, self._noise_rng)
-        self.timer.complete("render")
-        frame = StripeFrame(
-            index=self.frame_count,
-            image=truth.image,
-            captured_ns=now_ns,
-            available_ns=now_ns + self.config.transfer_ns,
-            world_from_camera=self.scope.world_from_camera(),
-        )
+        self.timer.complete(WAIT)
+        with self.timer.measure("capture"):
+            true_pose = self.theatre.world_from_camera()
+            captured = CapturedFrame(
+                index=self.frame_count,
+                captured_ns=now_ns,
+                available_ns=now_ns + self.config.transfer_ns,
+                world_from_camera=self.scope.world_from_camera(),
+                true_pose=true_pose,
+                view=self._renderer.take(self.theatre.data, true_pose),
+            )
+            if self._images_ahead:
+                captured.view.whole.begin()
+        self.timer.complete("capture")
         self.frame_count += 1
-        captured = CapturedFrame(frame=frame, truth=truth)
-        self.first_captured = self.first_captured or captured
         self.newest_captured = captured
         self._in_transfer.append(captured)
-        if captured is not self.first_captured:
+        if self.first_captured is None:
+            # Its target is still to be chosen.
+            self.first_captured = captured
+        else:
             self._mark(captured)
-        with self.timer.measure("record"):
-            self.recorder.frame(
-                FrameRecord(now_ns=now_ns, frame=frame, exact_depth_mm=truth.depth_mm, object_id=truth.object_id)
-            )
+        if self.recorder.takes_frames:
+            truth, frame = captured.truth, captured.frame
+            with self.timer.measure("record"):
+                self.recorder.frame(
+                    FrameRecord(now_ns=now_ns, frame=frame, exact_depth_mm=truth.depth_mm, object_id=truth.object_id)
+                )
 
     def _deliver(self) -> list[ServedFrame]:
         server, now_ns = self._running_server(), self.now_ns
-        while self._in_transfer and self._in_transfer[0].frame.available_ns <= now_ns:
+        while self._in_transfer and self._in_transfer[0].available_ns <= now_ns:
             server.submit(self._in_transfer.pop(0))
-        arrived = self.injector.depth_frames(server.poll(now_ns), self._markers, now_ns)
         served: list[ServedFrame] = []
-        for one in arrived:
-            if self.newest_served is not None and one.depth.captured_ns <= self.newest_served.depth.captured_ns:
+        for one in self.injector.depth_frames(server.poll(now_ns), self.rig.camera, now_ns):
+            if self.newest_served is not None and one.captured_ns <= self.newest_served.captured_ns:
                 self._overtaken += 1
                 continue
             served.append(one)
             self.newest_served = one
-            self._markers = {index: pixel for index, pixel in self._markers.items() if index >= one.depth.index}
-            if server.last_compute_s is not None:
-                self.timer.add("perception", server.last_compute_s)
-            truth = one.captured.truth
-            with self.timer.measure("record"):
-                self.recorder.depth(
-                    DepthRecord(
-                        now_ns=now_ns,
-                        depth=one.depth,
-                        stripes=one.captured.frame.image,
-                        exact_depth_mm=truth.depth_mm,
-                        tissue=truth.object_id == ObjectId.TISSUE,
+            if self.recorder.takes_depth:
+                truth, depth = one.captured.truth, one.depth
+                with self.timer.measure("record"):
+                    self.recorder.depth(
+                        DepthRecord(
+                            now_ns=now_ns,
+                            depth=depth,
+                            stripes=truth.image,
+                            exact_depth_mm=truth.depth_mm,
+                            tissue=truth.object_id == ObjectId.TISSUE,
+                        )
                     )
-                )
         return served
 
     def _mark(self, captured: CapturedFrame | None) -> None:
-        """Remember where the target appears in a frame that was captured just now."""
+        """Remember where the target is in a frame that was captured just now."""
         if captured is not None and self._locate_target is not None:
-            place, point = self.theatre.world_from_camera(), self._locate_target()
-            self._markers[captured.frame.index] = captured.visible_pixel(point, place, self.rig.camera)
+            captured.mark(self._locate_target())

@@ -1,17 +1,19 @@
 """Failures of sensors and controllers at chosen times, for tests and for controllers that must survive them."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.envs.loop.perception_server import ServedFrame
 from laploop.envs.loop.proprioception import ProprioceptiveReading
 from laploop.errors import InvalidValueError
+from laploop.perception.geometry import Intrinsics
 from laploop.perception.messages import DepthEstimate
 
 FaultKind = Literal[
@@ -84,18 +86,18 @@ class FaultInjector:
         """Return the kinds of the faults that are active at a time."""
         return tuple(fault.kind for fault in self._faults if fault.active(now_ns))
 
-    def depth_frames(self, frames: list[ServedFrame], markers: dict[int, Array | None], now_ns: int) -> list[ServedFrame]:
+    def depth_frames(self, frames: list[ServedFrame], camera: Intrinsics, now_ns: int) -> list[ServedFrame]:
         """Return the depth frames that arrive now, in their order, given those that would without faults.
 
         Args:
             frames: What the perception stage delivers.
-            markers: Where the target appears in each frame, by the frame's index; taken away where it is hidden.
+            camera: What took the frames.
             now_ns: Simulated time.
         """
-        arriving = [changed for frame in frames if (changed := self._changed(frame, markers)) is not None]
+        arriving = [changed for frame in frames if (changed := self._changed(frame, camera)) is not None]
         for fault in [fault for fault in self._held if now_ns * 1e-9 >= fault.end_s]:
             late = self._held.pop(fault)
-            arriving.append(replace(late, depth=replace(late.depth, available_ns=now_ns)))
+            arriving.append(replace(late, available_ns=now_ns))
         return arriving
 
     def reading(self, reading: ProprioceptiveReading, now_ns: int) -> ProprioceptiveReading:
@@ -136,33 +138,40 @@ class FaultInjector:
                 reason = OUT_OF_REACH
         return velocity, reason
 
-    def _changed(self, frame: ServedFrame, markers: dict[int, Array | None]) -> ServedFrame | None:
-        depth = frame.depth
+    def _changed(self, frame: ServedFrame, camera: Intrinsics) -> ServedFrame | None:
         for fault in self._faults:
-            if not fault.active(depth.captured_ns):
+            if not fault.active(frame.captured_ns):
                 continue
             if fault.kind == "perception-stops":
                 return None
             if fault.kind == "depth-jump" and fault not in self._jumped:
                 self._jumped.add(fault)
-                shifted = depth.estimate.depth_mm + np.float32(fault.jump_m * 1e3)
-                depth = replace(depth, estimate=DepthEstimate(depth_mm=shifted, valid=depth.estimate.valid))
+                frame = frame.changed(partial(_shifted, by_mm=np.float32(fault.jump_m * 1e3)))
             if fault.kind == "depth-invalid":
-                depth = replace(depth, estimate=_without(depth.estimate, np.ones(depth.estimate.valid.shape, dtype=np.bool_)))
-            if fault.kind == "target-hidden" and (pixel := markers.get(depth.index)) is not None:
-                depth = replace(depth, estimate=_without(depth.estimate, _disc(depth.estimate, pixel, fault.radius_px)))
-                markers[depth.index] = None
+                frame = frame.changed(_invalid)
+            if fault.kind == "target-hidden":
+                seen = frame.captured.marker_pixel
+                frame = frame.changed(partial(_hidden, seen=partial(seen, camera), radius_px=fault.radius_px))
+                frame = replace(frame, marker_hidden=True)
             if fault.kind == "late-frame" and fault not in self._jumped:
                 self._jumped.add(fault)
-                self._held[fault] = replace(frame, depth=depth)
+                self._held[fault] = frame
                 return None
-        return replace(frame, depth=depth)
+        return frame
 
 
-def _without(estimate: DepthEstimate, hidden: NDArray[np.bool_]) -> DepthEstimate:
-    return DepthEstimate(depth_mm=estimate.depth_mm, valid=estimate.valid & ~hidden)
+def _shifted(estimate: DepthEstimate, by_mm: np.float32) -> DepthEstimate:
+    return DepthEstimate(depth_mm=estimate.depth_mm + by_mm, valid=estimate.valid)
 
 
-def _disc(estimate: DepthEstimate, pixel: Array, radius_px: float) -> NDArray[np.bool_]:
+def _invalid(estimate: DepthEstimate) -> DepthEstimate:
+    return DepthEstimate(depth_mm=estimate.depth_mm, valid=np.zeros_like(estimate.valid))
+
+
+def _hidden(estimate: DepthEstimate, seen: Callable[[], Array | None], radius_px: float) -> DepthEstimate:
+    """Take away what is within a radius of the marker, where that is seen."""
+    if (pixel := seen()) is None:
+        return estimate
     rows, columns = np.indices(estimate.valid.shape)
-    return np.asarray(np.hypot(columns + 0.5 - pixel[0], rows + 0.5 - pixel[1]) < radius_px)
+    hidden = np.hypot(columns + 0.5 - pixel[0], rows + 0.5 - pixel[1]) < radius_px
+    return DepthEstimate(depth_mm=estimate.depth_mm, valid=estimate.valid & ~hidden)

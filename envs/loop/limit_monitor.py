@@ -60,33 +60,30 @@ class LimitMonitor:
         worst.command_acceleration_share = max(worst.command_acceleration_share, _most(change / self._command_change))
         self._last[arm] = qdot
 
-    def stepped(self) -> None:
-        """Take in the theatre's state after a physics step."""
-        worst, theatre = self.worst, self._theatre
-        ends: dict[str, tuple[Array, Array]] = {}
-        wall = theatre.config.layout.wall_z_m
-        for name, arm in self._arms.items():
+    def period_over(self) -> None:
+        """Take in the physics steps of the control period that has just ended."""
+        worst, log, wall = self.worst, self._theatre.log, self._theatre.config.layout.wall_z_m
+        for column, (name, arm) in enumerate(self._arms.items()):
             model = self._models[name]
-            position = _most(theatre.joint_positions(arm) / model.upper_position)
+            position = _most(log.joints[:, column] / model.upper_position)
             worst.joint_position_share = max(worst.joint_position_share, position)
-            speed = _most(theatre.joint_velocities(arm) / model.max_joint_speed)
+            speed = _most(log.joint_speeds[:, column] / model.max_joint_speed)
             worst.joint_speed_share = max(worst.joint_speed_share, speed)
-            pose = theatre.world_from_shaft(arm)
-            tip, axis = pose[:3, 3], pose[:3, 2]
-            flange = tip - arm.shaft.length_m * axis
-            ends[name] = tip, flange
+            tip, axis = log.tip[:, column, 2], log.axis[:, column, 2]
             # The lowest point of the holder, a cylinder along the shaft.
-            holder = flange[2] + _HOLDER_M[name] * axis[2] - _HOLDER_RADIUS_M * math.sqrt(max(0.0, 1.0 - axis[2] ** 2))
-            worst.wall_room_mm = min(worst.wall_room_mm, 1e3 * float(wall - tip[2]), 1e3 * float(holder - wall))
-        worst.shaft_room_mm = min(worst.shaft_room_mm, 1e3 * self._shaft_room(ends["camera"], ends["tool"]))
-        # Contacts of the tissue name no geom on its side.
-        worst.collision_steps += bool((theatre.data.contact.geom >= 0).all(axis=1).any())
+            flange = tip - arm.shaft.length_m * axis
+            holder = flange + _HOLDER_M[name] * axis - _HOLDER_RADIUS_M * np.sqrt(np.maximum(0.0, 1.0 - axis**2))
+            worst.wall_room_mm = min(worst.wall_room_mm, 1e3 * float(wall - tip.max()), 1e3 * float(holder.min() - wall))
+        worst.shaft_room_mm = min(worst.shaft_room_mm, 1e3 * min(map(self._shaft_room, log.tip, log.axis)))
+        worst.collision_steps += int(log.collided.sum())
 
-    def _shaft_room(self, one: tuple[Array, Array], other: tuple[Array, Array]) -> float:
-        s, t = nearest_parameters(*(end.tolist() for end in (*one, *other)))
-        apart = one[0] + s * (one[1] - one[0]) - other[0] - t * (other[1] - other[0])
-        radii = sum(0.5 * arm.shaft.diameter_m for arm in self._arms.values())
-        return float(np.linalg.norm(apart)) - radii
+    def _shaft_room(self, tips: Array, axes: Array) -> float:
+        """Return the clearance between both shafts, metres, from tips and axes, (2, 3) each."""
+        arms = list(self._arms.values())
+        flanges = [tip - arm.shaft.length_m * axis for arm, tip, axis in zip(arms, tips, axes, strict=True)]
+        s, t = nearest_parameters(tips[0], flanges[0], tips[1], flanges[1])
+        apart = tips[0] + s * (flanges[0] - tips[0]) - tips[1] - t * (flanges[1] - tips[1])
+        return float(np.linalg.norm(apart)) - sum(0.5 * arm.shaft.diameter_m for arm in arms)
 
 
 def _most(fractions: Array) -> float:

@@ -19,8 +19,12 @@ if TYPE_CHECKING:
 ARM_NAMES = ("camera", "tool")
 """Keys of `TickRecord.rcm_error_mm` and `TickRecord.port_force_n`."""
 
-STAGES = ("physics", "render", "perception", "control", "record")
-"""Keys that `TickRecord.stage_ms` may have: wall time spent in a stage since the previous tick."""
+STAGES = ("physics", "capture", "render", "perception", "wait", "control", "record")
+"""Keys that `TickRecord.stage_ms` may have: wall time spent in a stage since the previous tick.
+
+`render` and `perception` run in the background; `wait` is how long the main thread waited for them, and `capture` how long it
+took to copy what they need.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,8 +81,18 @@ class TickRecord:
 class Recorder:
     """Receives an episode: `begin`, then records in the order of time, then `close`.
 
-    A subclass defines the methods it is interested in; the others do nothing.
+    A subclass defines the methods it is interested in; the others do nothing, and what they would be given is not computed.
     """
+
+    @property
+    def takes_frames(self) -> bool:
+        """Whether it is told of captured frames."""
+        return type(self).frame is not Recorder.frame
+
+    @property
+    def takes_depth(self) -> bool:
+        """Whether it is told of depth frames."""
+        return type(self).depth is not Recorder.depth
 
     def begin(self, theatre: "Theatre", rig: Rig) -> None:
         """Learn the scene. The theatre is at time 0 with fresh kinematics; it may be read at every later record."""
@@ -105,6 +119,16 @@ class CompositeRecorder(Recorder):
 
     def __init__(self, recorders: Sequence[Recorder]) -> None:
         self._recorders = tuple(recorders)
+
+    @property
+    def takes_frames(self) -> bool:
+        """Whether any of them is told of captured frames."""
+        return any(recorder.takes_frames for recorder in self._recorders)
+
+    @property
+    def takes_depth(self) -> bool:
+        """Whether any of them is told of depth frames."""
+        return any(recorder.takes_depth for recorder in self._recorders)
 
     def begin(self, theatre: "Theatre", rig: Rig) -> None:
         """Begin all of them."""

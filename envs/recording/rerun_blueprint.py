@@ -17,6 +17,7 @@ Color = tuple[int, int, int]
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 _BLUE, _ORANGE, _GREEN, _RED, _PURPLE = (0, 114, 178), (230, 159, 0), (0, 158, 115), (213, 94, 0), (204, 121, 167)
+_SKY, _GREY = (86, 180, 233), (120, 120, 120)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +48,7 @@ PLOTS: Mapping[str, Plot] = {
         title="Wall time by stage [ms]",
         series={
             stage: (f"{stage} [ms]", color)
-            for stage, color in zip(STAGES, (_BLUE, _ORANGE, _GREEN, _RED, _PURPLE), strict=True)
+            for stage, color in zip(STAGES, (_BLUE, _SKY, _ORANGE, _GREEN, _GREY, _RED, _PURPLE), strict=True)
         },
     ),
 }

@@ -7,13 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.tissue_appearance import TissueAppearance
-from laploop.envs.sensors.stripe_capture import ExactView
+from laploop.envs.sensors.stripe_capture import DepthView, ExactView
 from laploop.envs.sensors.tracing.device import open_device
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
+from laploop.envs.sensors.tracing.scene_snapshot import SceneSnapshot
 from laploop.envs.sensors.tracing.strip_runner import StripRunner
+from laploop.envs.sensors.tracing.tissue_surface import TissueSurface
 from laploop.envs.sensors.tracing.view_tracer import RayScene, ViewTracer
 from laploop.errors import InvalidValueError
-from laploop.perception.geometry import Intrinsics, Rig
+from laploop.perception.geometry import Intrinsics, Rig, rigid_transform
 
 
 class RayCamera:
@@ -50,15 +52,16 @@ class RayCamera:
         self,
         model: mujoco.MjModel,
         *,
+        tissue: TissueSurface | None = None,
         groups: Collection[int] = (1,),
         rng: np.random.Generator | None = None,
         appearance: TissueAppearance | None = None,
     ) -> SceneGeometry:
-        """Look at the given geom and flex groups of a model from now on; see `SceneGeometry.from_model`.
+        """Look at a tissue and the given groups of a model from now on; see `SceneGeometry.from_model`.
 
         The default leaves out arms and abdominal wall.
         """
-        geometry = SceneGeometry.from_model(model, groups=groups, rng=rng, appearance=appearance)
+        geometry = SceneGeometry.from_model(model, tissue=tissue, groups=groups, rng=rng, appearance=appearance)
         self.attach_geometry(geometry)
         return geometry
 
@@ -77,16 +80,39 @@ class RayCamera:
         Raises:
             InvalidValueError: If no scene is attached or the pose is not a rigid transform.
         """
-        self._find_surfaces(data, world_from_camera)
+        return self.exact_view(self.snapshot(data, world_from_camera))
+
+    def snapshot(self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64]) -> SceneSnapshot:
+        """Return a copy of what moves, for `depth_view` or `exact_view` later on; arguments and errors as for `exact`."""
+        geometry = self._attached().geometry
+        pose = rigid_transform("world_from_camera", world_from_camera)
+        if data is not None:
+            geometry.update(data)
+        return SceneSnapshot(points=geometry.points.copy(), world_from_camera=pose)
+
+    def depth_view(self, snapshot: SceneSnapshot) -> DepthView:
+        """Return the exact depth at a moment of the attached scene: several times cheaper than `exact_view`."""
+        scene = self._attached()
+        self._tracer.place(snapshot.world_from_camera)
+        scene.move(snapshot.points)
+        self._tracer.find_camera_surfaces()
+        return self._tracer.read_depth()
+
+    def exact_view(self, snapshot: SceneSnapshot) -> ExactView:
+        """Return the geometry at a moment of the attached scene."""
+        self._find_surfaces(snapshot)
         self._runner.run(self._tracer.trace)
         return self._tracer.read()
 
-    def _find_surfaces(self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64]) -> None:
-        """Bring the scene and the camera's pose to the device and find the triangle behind each pixel."""
+    def _find_surfaces(self, snapshot: SceneSnapshot) -> None:
+        """Bring a moment to the device and find the triangle behind each pixel of the camera and the projector."""
+        scene = self._attached()
+        self._tracer.place(snapshot.world_from_camera)
+        scene.move(snapshot.points)
+        scene.update_normals()
+        self._tracer.find_surfaces()
+
+    def _attached(self) -> RayScene:
         if self._scene is None:
             raise InvalidValueError("scene", None, "a scene that was attached before the first image")
-        self._tracer.place(world_from_camera)
-        if data is not None:
-            self._scene.geometry.update(data)
-        self._scene.update()
-        self._tracer.find_surfaces()
+        return self._scene

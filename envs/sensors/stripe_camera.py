@@ -16,6 +16,7 @@ from laploop.envs.sensors.optics.mask_table import FINE_COLUMNS, MaskTable
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.envs.sensors.ray_camera import RayCamera
 from laploop.envs.sensors.stripe_capture import StripeCapture
+from laploop.envs.sensors.tracing.scene_snapshot import SceneSnapshot
 from laploop.perception.geometry import Rig
 from laploop.perception.reprojection import BrownDistortion
 
@@ -113,7 +114,11 @@ class StripeCamera(RayCamera):
         Raises:
             InvalidValueError: If no scene is attached or the pose is not a rigid transform.
         """
-        self._find_surfaces(data, world_from_camera)
+        return self.render(self.snapshot(data, world_from_camera), rng)
+
+    def render(self, snapshot: SceneSnapshot, rng: np.random.Generator | None) -> StripeCapture:
+        """Take an image of the attached scene as it was at a moment; `rng` as for `capture`."""
+        self._find_surfaces(snapshot)
         if rng is None:
             self._noise.zero_()
         else:

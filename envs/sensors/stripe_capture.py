@@ -8,11 +8,19 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ExactView:
-    """Exact geometry at each pixel's centre, (height, width, ...); NaN where there is no surface."""
+class DepthView:
+    """What each pixel's centre shows, (height, width)."""
 
     depth_mm: NDArray[np.float32]
-    """z-depth in the camera's frame."""
+    """z-depth in the camera's frame; NaN where there is no surface."""
+    object_id: NDArray[np.uint8]
+    """An `ObjectId`."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ExactView(DepthView):
+    """Exact geometry at each pixel's centre, (height, width, ...); NaN where there is no surface."""
+
     normals: NDArray[np.float32]
     """(height, width, 3), unit surface normals in the camera's frame, towards the camera; smooth across triangles."""
     projector_x: NDArray[np.float32]
@@ -21,8 +29,6 @@ class ExactView:
     """The same along y, along the stripes."""
     lit: NDArray[np.bool_]
     """True where the projector's centre sees the point and it lies inside the mask's field."""
-    object_id: NDArray[np.uint8]
-    """An `ObjectId`."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -113,7 +113,7 @@ class ActionInterpreter:
         if not np.isfinite(action).all():
             self.fault = "action_not_finite"
         if self.fault is not None:
-            return self._held(known())
+            return self._held(self._loop.control_input(np.zeros(2), with_depth=False))
         bound = action_bound(config)
         action = np.clip(action, -bound, bound)
         if config.action_mode == "joint-velocity":

@@ -63,7 +63,7 @@ class LookEnv(TaskEnv[LookConfig]):
 
     def extra_observation(self) -> Observation:
         """Return the marker and the scope's own state."""
-        marker = self.control_input().marker_pixel
+        marker = self.loop.marker_pixel() if self.config.marker else None
         rotation = self.loop.scope.world_from_camera()[:3, :3]
         return {
             "marker_pixel": np.full(2, -1.0, np.float32) if marker is None else marker.astype(np.float32),

@@ -68,7 +68,7 @@ def depth_observation(served: ServedFrame, now_ns: int) -> Observation:
 
 def depth_quality(served: ServedFrame) -> tuple[float, float]:
     """Return mean absolute error in mm and fraction of valid pixels, both on the tissue that the frame shows."""
-    truth = served.captured.truth
+    truth = served.captured.depth
     tissue = truth.object_id == ObjectId.TISSUE
     valid = tissue & served.depth.estimate.valid
     errors = np.abs(served.depth.estimate.depth_mm[valid] - truth.depth_mm[valid])

@@ -6,7 +6,7 @@ from scipy.ndimage import maximum_filter
 
 from laploop.arrays import Array
 from laploop.envs.sensors.object_id import ObjectId
-from laploop.envs.sensors.stripe_capture import StripeCapture
+from laploop.envs.sensors.stripe_capture import ExactView
 from laploop.envs.tasks.configs import PathChoiceConfig
 from laploop.envs.tasks.target_choice import qualifying_pixels, shaft_is_clear
 from laploop.errors import SimulationError
@@ -23,7 +23,7 @@ _BESIDE_M = 0.002
 
 
 def choose_path_pixels(
-    capture: StripeCapture,
+    view: ExactView,
     camera: Intrinsics,
     trocar_in_camera: Array,
     rng: np.random.Generator,
@@ -38,11 +38,11 @@ def choose_path_pixels(
     Raises:
         SimulationError: If no path qualifies.
     """
-    fits = qualifying_pixels(capture, camera, trocar_in_camera, config.pixels)
+    fits = qualifying_pixels(view, camera, trocar_in_camera, config.pixels)
     rows, columns = np.nonzero(fits)
-    depth_m = capture.depth_mm.astype(np.float64) * 1e-3
+    depth_m = view.depth_mm.astype(np.float64) * 1e-3
     surface = (camera.rays * depth_m[..., None])[np.isfinite(depth_m)][::4]
-    steepness = _steepness(capture, camera)
+    steepness = _steepness(view, camera)
     found: list[Array] = []
     for start in rng.permutation(len(rows))[:_STARTS]:
         first = np.array([columns[start] + 0.5, rows[start] + 0.5])
@@ -65,15 +65,15 @@ def choose_path_pixels(
     )
 
 
-def _steepness(capture: StripeCapture, camera: Intrinsics) -> Array:
+def _steepness(view: ExactView, camera: Intrinsics) -> Array:
     """Return the largest angle to the viewing ray around each pixel, (height, width) in radians; upright without tissue."""
     to_camera = -camera.rays / np.linalg.norm(camera.rays, axis=-1, keepdims=True)
-    cosine = np.einsum("hwi,hwi->hw", capture.normals.astype(np.float64), to_camera)
-    tissue = capture.object_id == ObjectId.TISSUE
+    cosine = np.einsum("hwi,hwi->hw", view.normals.astype(np.float64), to_camera)
+    tissue = view.object_id == ObjectId.TISSUE
     angle = np.where(tissue, np.arccos(np.clip(cosine, 0.0, 1.0)), np.pi / 2)
     if not tissue.any():
         return angle
-    distance = 1e-3 * float(np.median(capture.depth_mm[tissue]))
+    distance = 1e-3 * float(np.median(view.depth_mm[tissue]))
     return np.asarray(maximum_filter(angle, 2 * round(camera.fx * _BESIDE_M / distance) + 1))
 
 

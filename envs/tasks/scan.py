@@ -84,7 +84,7 @@ class ScanEnv(TaskEnv[ScanConfig]):
         Raises:
             InvalidValueError: If a pixel of the path lies outside the frame or shows no tissue.
         """
-        camera, truth = self.loop.rig.camera, self.first_view.truth
+        camera, truth = self.loop.rig.camera, self.first_view()
         depth_m = truth.depth_mm.astype(np.float64) * 1e-3
         if "path_pixels" in options:
             drawn = checked_pixels("path_pixels", options["path_pixels"], camera)

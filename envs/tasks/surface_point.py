@@ -1,7 +1,7 @@
 """Material points and lines of the tissue's surface, followed as the tissue deforms."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,14 @@ from laploop.errors import InvalidValueError
 IndexArray = NDArray[np.signedinteger[Any]]
 
 
+class Points(Protocol):
+    """Vertices of the surface, an array (n, 3) or what gives rows of one, as `laploop.envs.theatre.tissue.Tissue` does."""
+
+    def __getitem__(self, rows: IndexArray, /) -> Array:
+        """Return the vertices of these rows, (*rows.shape, 3)."""
+        ...
+
+
 class SurfacePoint:
     """A point given by a triangle and its barycentric coordinates, with the smooth normal of the surface there."""
 
@@ -19,10 +27,11 @@ class SurfacePoint:
         """Take a row of the surface's triangles, (m, 3), outward by the right-hand rule, and coordinates in it, (3,)."""
         self._corners = triangles[face]
         self._weights = weights
-        touching = np.isin(triangles, self._corners)
-        self._neighbours = triangles[touching.any(axis=1)]
+        neighbours = triangles[np.isin(triangles, self._corners).any(axis=1)]
+        self._around, self._neighbours = np.unique(neighbours, return_inverse=True)
+        self._neighbours = self._neighbours.reshape(neighbours.shape)
         # (neighbour, corner): which of the point's three corners each neighbouring triangle touches.
-        self._incidence = (self._neighbours[:, :, None] == self._corners).any(axis=1).astype(np.float64)
+        self._incidence = (neighbours[:, :, None] == self._corners).any(axis=1).astype(np.float64)
 
     @classmethod
     def from_ray(cls, points: Array, triangles: IndexArray, origin: Array, direction: Array) -> "SurfacePoint":
@@ -54,14 +63,14 @@ class SurfacePoint:
         face = int(np.argmin(np.where(hit, distance, np.inf)))
         return cls(triangles, face, np.array([1.0 - u[face] - v[face], u[face], v[face]]))
 
-    def position(self, points: Array) -> Array:
-        """Return where the point is now, (3,), given the vertices (n, 3)."""
+    def position(self, points: Points) -> Array:
+        """Return where the point is now, (3,), given the vertices."""
         position: Array = self._weights @ points[self._corners]
         return position
 
-    def normal(self, points: Array) -> Array:
+    def normal(self, points: Points) -> Array:
         """Return the unit normal (3,): the corners' area-weighted normals, interpolated."""
-        a, b, c = (points[self._neighbours[:, corner]] for corner in range(3))
+        a, b, c = points[self._around][self._neighbours.T]
         doubled_areas = np.cross(b - a, c - a)
         corner_normals = self._incidence.T @ doubled_areas
         corner_normals /= np.linalg.norm(corner_normals, axis=1, keepdims=True)

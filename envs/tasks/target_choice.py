@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from laploop.arrays import Array
 from laploop.envs.sensors.object_id import ObjectId
-from laploop.envs.sensors.stripe_capture import StripeCapture
+from laploop.envs.sensors.stripe_capture import ExactView
 from laploop.envs.tasks.task_config import TargetChoiceConfig
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.geometry import Intrinsics
@@ -30,7 +30,7 @@ def checked_pixels(name: str, pixels: Any, camera: Intrinsics) -> Array:
 
 
 def choose_target_pixel(
-    capture: StripeCapture,
+    view: ExactView,
     camera: Intrinsics,
     trocar_in_camera: Array,
     rng: np.random.Generator,
@@ -41,8 +41,8 @@ def choose_target_pixel(
     Raises:
         SimulationError: If no pixel qualifies.
     """
-    fits = qualifying_pixels(capture, camera, trocar_in_camera, config)
-    depth_m = capture.depth_mm.astype(np.float64) * 1e-3
+    fits = qualifying_pixels(view, camera, trocar_in_camera, config)
+    depth_m = view.depth_mm.astype(np.float64) * 1e-3
     points = camera.rays * depth_m[..., None]
     rows, columns = np.nonzero(fits)
     surface = points[np.isfinite(depth_m)]
@@ -57,18 +57,18 @@ def choose_target_pixel(
 
 
 def qualifying_pixels(
-    capture: StripeCapture, camera: Intrinsics, trocar_in_camera: Array, config: TargetChoiceConfig
+    view: ExactView, camera: Intrinsics, trocar_in_camera: Array, config: TargetChoiceConfig
 ) -> NDArray[np.bool_]:
     """Return which pixels, (height, width), are fair targets, the shaft's clearance aside."""
-    depth_m = capture.depth_mm.astype(np.float64) * 1e-3
+    depth_m = view.depth_mm.astype(np.float64) * 1e-3
     points = camera.rays * depth_m[..., None]
-    normals = capture.normals.astype(np.float64)
+    normals = view.normals.astype(np.float64)
     to_camera = -camera.rays / np.linalg.norm(camera.rays, axis=-1, keepdims=True)
     to_trocar = trocar_in_camera - points
     to_trocar /= np.linalg.norm(to_trocar, axis=-1, keepdims=True)
     return np.asarray(
-        (capture.object_id == ObjectId.TISSUE)
-        & capture.lit
+        (view.object_id == ObjectId.TISSUE)
+        & view.lit
         & (np.linalg.norm(points[..., :2], axis=-1) < config.max_radius_m)
         & (np.einsum("hwi,hwi->hw", normals, to_camera) > np.cos(config.max_slope_rad))
         & (np.einsum("hwi,hwi->hw", normals, to_trocar) > np.cos(config.max_tool_angle_rad))

@@ -18,6 +18,7 @@ from laploop.control.messages import ControlInput, TipController
 from laploop.envs.loop.closed_loop import ClosedLoop
 from laploop.envs.loop.perception_server import ServedFrame
 from laploop.envs.recording.recorder import Recorder, TickRecord
+from laploop.envs.sensors.stripe_capture import ExactView
 from laploop.envs.tasks.actions import ActionInterpreter, action_space, checked_action
 from laploop.envs.tasks.observations import (
     DEPTH_MODES,
@@ -61,7 +62,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     `info` holds `target_error_mm`, `rcm_error_mm` (`camera`, `tool`: worst of the period's physics steps), `port_force_n` and
     `port_friction_n` (likewise, of the trocar's wall and seal), `contact_force_n` (likewise), `depth_mae_mm` and
-    `depth_valid_fraction` (both on the tissue), `depth_age_ms`, `sim_s`, `frames`, `dropped_frames`, `status` and
+    `depth_valid_fraction` (both on the tissue; None while nobody uses depth maps: neither observations, the mode `residual`,
+    recorder nor a call of `control_input`), `depth_age_ms`, `sim_s`, `frames`, `dropped_frames`, `status` and
     `status_reason` (of the inverse kinematics), `fault` (why the command was not followed, or None), `injected_faults`,
     `assessed` (whether the task counts this tick), `success`, `terminated_by`, `reward_terms`.
     """
@@ -101,8 +103,16 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         estimator = make_estimator(perception, Rig.from_optics(scope)) if isinstance(perception, str) else perception
         if isinstance(estimator, type) or not isinstance(estimator, DepthEstimator):
             raise InvalidValueError("perception", estimator, "name of an estimator, or an object with estimate(image)")
+        mode = self.config.observation_mode
+        hides = any(fault.kind == "target-hidden" for fault in self.config.loop.faults)
         self.loop = ClosedLoop(
-            self.config.loop, estimator, recorder, moves_scope=self.moves_scope, locate_target=self.target_in_world
+            self.config.loop,
+            estimator,
+            recorder,
+            moves_scope=self.moves_scope,
+            locate_target=self.target_in_world if self.config.marker or hides else None,
+            images=mode in STRIPE_MODES,
+            depth=mode in DEPTH_MODES or self.config.action_mode == "residual",
         )
         if self.config.action_mode == "residual" and controller is None:
             from laploop.control.controllers.registry import make_controller
@@ -111,12 +121,13 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self._interpreter = ActionInterpreter(self.config, self.loop, controller, yields=not self.moves_scope)
         self.action_space = action_space(self.config)
         size = scope.height, scope.width
-        self.observation_space = observation_space(self.config.observation_mode, size, self.extra_spaces())
+        self.observation_space = observation_space(mode, size, self.extra_spaces())
         self._running = False
         self._target: SurfacePoint | None = None
         self.target_pixel: Array = np.full(2, np.nan)
-        self._measured: ServedFrame | None = None
-        self._depth_mae_mm = self._depth_valid_fraction = float("nan")
+        self._measured: tuple[ServedFrame, bool] | None = None
+        self._depth_mae_mm: float | None = None
+        self._depth_valid_fraction: float | None = None
 
     @property
     def task(self) -> str:
@@ -139,7 +150,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         if "target_pixel" in options:
             column, row = checked_pixels("target_pixel", options["target_pixel"], camera)[0].astype(int).tolist()
         else:
-            column, row = choose_target_pixel(self.first_view.truth, camera, self.trocar_in_camera(), rng, self.config.target)
+            column, row = choose_target_pixel(self.first_view(), camera, self.trocar_in_camera(), rng, self.config.target)
         self.set_target(self.surface_point(column, row), np.array([column + 0.5, row + 0.5]))
 
     @abstractmethod
@@ -249,7 +260,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     def target_in_world(self) -> Array:
         """Return where the material target point is now, (3,), metres."""
-        return self.surface_target().position(self.loop.theatre.tissue.surface_points())
+        return self.surface_target().position(self.loop.theatre.tissue)
 
     def surface_target(self) -> SurfacePoint:
         """Return the target as a point of the tissue.
@@ -263,9 +274,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     # For the tasks.
 
-    @property
-    def first_view(self) -> Any:
-        """The first frame with what the simulator knows of it.
+    def first_view(self) -> ExactView:
+        """Return the exact geometry of the first frame.
 
         Raises:
             SimulationError: If there is none yet.
@@ -273,7 +283,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         captured = self.loop.first_captured
         if captured is None:
             raise SimulationError("the first frame is missing")
-        return captured
+        return captured.geometry
 
     def set_target(self, target: SurfacePoint, pixel: Array) -> None:
         """Set the target and the pixel (2,) of the first frame that shows it."""
@@ -294,17 +304,14 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     def target_offset(self) -> tuple[Array, Array, Array]:
         """Return the vector from the target to the tool's tip, the target's normal, and the target, each (3,), in the world."""
-        points = self.loop.theatre.tissue.surface_points()
-        target = self.surface_target()
-        position = target.position(points)
-        return self.loop.theatre.tip_in_world() - position, target.normal(points), position
+        tissue, target = self.loop.theatre.tissue, self.surface_target()
+        position = target.position(tissue)
+        return self.loop.theatre.tip_in_world() - position, target.normal(tissue), position
 
     def touch_error_mm(self) -> float:
         """Return the distance of the tool's tip from an ideal touch: one ball radius above the target along its normal."""
-        points = self.loop.theatre.tissue.surface_points()
-        target = self.surface_target()
-        ideal = target.position(points) + INSTRUMENT.tip_radius_m * target.normal(points)
-        return float(np.linalg.norm(self.loop.theatre.tip_in_world() - ideal)) * 1e3
+        offset, normal, _ = self.target_offset()
+        return float(np.linalg.norm(offset - INSTRUMENT.tip_radius_m * normal)) * 1e3
 
     def is_assessed(self) -> bool:
         """Return whether this tick counts for the task's accuracy."""
@@ -331,7 +338,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         served, newest = self.loop.newest_served, self.loop.newest_captured
         if served is None or newest is None:
             raise SimulationError("no frame yet")
-        known = self.control_input()
+        known = self.loop.control_input(self.target_pixel, with_depth=False)
         observation: Observation = {"stripes": newest.frame.image.copy()} if mode in STRIPE_MODES else {}
         if mode in DEPTH_MODES:
             observation |= depth_observation(served, self.loop.now_ns)
@@ -350,9 +357,10 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         served = self.loop.newest_served
         if served is None:
             raise SimulationError("no depth frame yet")
-        if served is not self._measured:
-            self._measured = served
-            self._depth_mae_mm, self._depth_valid_fraction = depth_quality(served)
+        used = self.loop.depth_is_used
+        if (served, used) != self._measured:
+            self._measured = served, used
+            self._depth_mae_mm, self._depth_valid_fraction = depth_quality(served) if used else (None, None)
         status = self.loop.scope_status or self.loop.tool_status
         return {
             **self.task_info(),
@@ -362,7 +370,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             "contact_force_n": self.loop.max_force_n,
             "depth_mae_mm": self._depth_mae_mm,
             "depth_valid_fraction": self._depth_valid_fraction,
-            "depth_age_ms": served.depth.age_ns(self.loop.now_ns) * 1e-6,
+            "depth_age_ms": served.age_ns(self.loop.now_ns) * 1e-6,
             "sim_s": self.loop.now_ns * 1e-9,
             "frames": self.loop.frame_count,
             "dropped_frames": self.loop.dropped_frames,

@@ -1,36 +1,42 @@
-"""The theatre as one MuJoCo model: two arms with their shafts, table, wall, stage and phantom."""
+"""Where everything in a theatre stands, as a seed draws it, and the model of that."""
 
-from dataclasses import dataclass
+import hashlib
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from laploop.arrays import Array
-from laploop.assets.instrument import build_instrument
-from laploop.assets.laparoscope import SHAFT_TIP, build_laparoscope
-from laploop.assets.operating_table import STAGE_PLATE_THICKNESS_M, build_operating_table, build_stage
-from laploop.assets.phantom import TISSUE, build_phantom
+from laploop.assets.laparoscope import SHAFT_TIP
+from laploop.assets.operating_table import STAGE_PLATE_THICKNESS_M
 from laploop.assets.phantom_import.phantom_mesh import load_phantom
 from laploop.assets.shafts import INSTRUMENT, LAPAROSCOPE, Shaft
 from laploop.assets.tissue_config import TissueConfig
 from laploop.assets.tissue_mesh import TissueMesh, mean_top_height, solid_mesh
 from laploop.assets.tissue_shape import height_field
-from laploop.assets.ur5 import build_ur5
-from laploop.assets.ur5_description import FLANGE, JOINT_NAMES
+from laploop.assets.ur5_description import JOINT_NAMES
 from laploop.control.arm.model import ArmModel
 from laploop.control.arm.start_posture import start_posture
+from laploop.envs.theatre.actuation import ActuationConfig
 from laploop.envs.theatre.arm import Arm
 from laploop.envs.theatre.config import TheatreConfig, TheatreLayout
+from laploop.envs.theatre.organ_motion import BaseMotion, StageTravel
+from laploop.envs.theatre.scene_cache import BoundedCache
+from laploop.envs.theatre.settling import settled_positions
+from laploop.envs.theatre.theatre_model import (
+    CAMERA_ARM,
+    INSTRUMENT_PREFIX,
+    SCOPE_PREFIX,
+    TOOL_ARM,
+    TheatrePlan,
+    arrays_of_phantom,
+    compile_theatre,
+    with_arrays,
+    with_phantom,
+)
+from laploop.envs.theatre.trocar import TrocarConfig
 from laploop.errors import InvalidValueError
-
-CAMERA_ARM = "camera_arm"
-TOOL_ARM = "tool_arm"
-SCOPE_PREFIX = "scope/"
-INSTRUMENT_PREFIX = "instrument/"
-"""Prefixes, after the arm's own, of all names of the held tool."""
-STAGE_PLATE = "stage/plate"
-TISSUE_FLEX = f"phantom/{TISSUE}"
 
 _CAMERA_SEED_Q = np.array([-0.20, -1.31, 0.77, -1.03, -1.57, -1.77])
 _TOOL_SEED_Q = np.array([-0.28, -1.79, 1.86, -2.31, -1.39, -0.22])
@@ -54,12 +60,48 @@ class Scene:
     stage_in_world: Array
     """(3,), middle of the stage plate's upper face when the base motion is zero."""
     working_distance_m: float
+    settled_qpos: Array
+    """(nq,), arms at home and tissue at rest under its weight."""
 
 
-def build_scene(
-    config: TheatreConfig, rng: np.random.Generator, *, timestep_s: float, solid: TissueMesh | None = None
-) -> Scene:
-    """Compose and compile the theatre of a configuration; `solid` is a phantom in place of the configuration's."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _KeptScene:
+    scene: Scene
+    arrays: dict[str, Array]
+    """What tells its model from that of another seed."""
+
+
+_TEMPLATES: BoundedCache[Any] = BoundedCache(4)
+"""Compiled theatres, 5 MB each."""
+_SCENES: BoundedCache[_KeptScene] = BoundedCache(64)
+"""Of seeds, about 1.5 MB each."""
+
+
+def scene_of(config: TheatreConfig, seed: int, *, timestep_s: float, solid: TissueMesh | None = None) -> Scene:
+    """Return the scene of a configuration and a seed, with a model of its own.
+
+    What was asked for lately is kept: see `laploop.envs.theatre.scene_cache`. The result does not depend on that, to the bit.
+
+    Args:
+        config: The theatre; what moves it and what holds the shafts plays no part here.
+        seed: Decides the tissue and where things stand.
+        timestep_s: The physics step.
+        solid: A phantom in place of the configuration's.
+
+    Raises:
+        InvalidValueError: If stage or tissue have too little clearance, or the phantom's file cannot be read.
+        SimulationError: If the tissue does not come to rest.
+    """
+    if solid is None and config.tissue.mesh is not None:
+        solid = load_phantom(config.tissue.mesh)
+    stands = replace(config, motion=BaseMotion(), travel=StageTravel(), trocar=TrocarConfig(), actuation=ActuationConfig())
+    # The kept scene holds on to its solid, so that no other object can get the same id.
+    kept = _SCENES.get((stands, seed, timestep_s, id(solid)), lambda: _kept_scene(stands, seed, timestep_s, solid))
+    return replace(kept.scene, model=with_arrays(kept.scene.model, kept.arrays))
+
+
+def _kept_scene(config: TheatreConfig, seed: int, timestep_s: float, solid: TissueMesh | None) -> _KeptScene:
+    rng = np.random.default_rng(seed).spawn(1)[0]
     layout = config.layout
     mesh, mean_height, top_height = _tissue(config.tissue, rng, solid)
     drawn_distance = float(rng.uniform(*_WORKING_DISTANCE_RANGE_M))
@@ -74,14 +116,16 @@ def build_scene(
         CAMERA_ARM: _transform(np.eye(3), np.array([layout.camera_base_x_m, 0.0, 0.0])),
         TOOL_ARM: _transform(np.diag([-1.0, -1.0, 1.0]), np.array([layout.tool_base_x_m, 0.0, 0.0])),
     }
-    model = _compile(
-        config,
-        mesh,
+    plan = TheatrePlan(
+        config=config,
         timestep_s=timestep_s,
         bases=bases,
         trocars={"scope_trocar": scope_trocar, "tool_trocar": tool_trocar},
         stage=stage,
+        mesh=mesh,
     )
+    template = _TEMPLATES.get(_template_key(plan), lambda: compile_theatre(plan))
+    model = with_phantom(template, plan)
     scope_pose = _transform(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, layout.scope_tip_z_m]))
 
     def arm(name: str, prefix: str, shaft: Shaft, trocar: Array, shaft_pose: Array, seed_q: Array) -> Arm:
@@ -101,24 +145,42 @@ def build_scene(
             tip_site=int(model.site(f"{name}/{prefix}{SHAFT_TIP}").id),
         )
 
-    return Scene(
-        model=model,
-        camera_arm=arm(CAMERA_ARM, SCOPE_PREFIX, LAPAROSCOPE, scope_trocar, scope_pose, _CAMERA_SEED_Q),
-        tool_arm=arm(TOOL_ARM, INSTRUMENT_PREFIX, INSTRUMENT, tool_trocar, _tool_pose(tip, tool_trocar), _TOOL_SEED_Q),
+    arms = (
+        arm(CAMERA_ARM, SCOPE_PREFIX, LAPAROSCOPE, scope_trocar, scope_pose, _CAMERA_SEED_Q),
+        arm(TOOL_ARM, INSTRUMENT_PREFIX, INSTRUMENT, tool_trocar, _tool_pose(tip, tool_trocar), _TOOL_SEED_Q),
+    )
+    scene = Scene(
+        # Without what `arrays` holds, it serves all scenes of the same tetrahedra.
+        model=template,
+        camera_arm=arms[0],
+        tool_arm=arms[1],
         tissue_mesh=mesh,
         stage_in_world=stage,
         working_distance_m=distance,
+        settled_qpos=settled_positions(model, arms),
     )
+    for array in (scene.stage_in_world, scene.settled_qpos):
+        array.flags.writeable = False
+    return _KeptScene(scene=scene, arrays=arrays_of_phantom(model))
+
+
+def _template_key(plan: TheatrePlan) -> tuple[Hashable, ...]:
+    """Return what decides all of a model but the arrays that `with_phantom` replaces."""
+    mesh = plan.mesh
+    shape = hashlib.sha256(mesh.tetrahedra.tobytes())
+    if not mesh.fills_box:
+        # Which nodes are fixed depends on the solid itself.
+        shape.update(mesh.points.tobytes())
+    config = plan.config
+    return config.layout, config.scope, config.tissue.material, config.tissue.cells, plan.timestep_s, shape.digest()
 
 
 def _tissue(config: TissueConfig, rng: np.random.Generator, solid: TissueMesh | None) -> tuple[TissueMesh, float, float]:
     """Return the solid, the mean height of its top and its greatest height, both in metres above the stage."""
-    if solid is None and config.mesh is not None:
-        solid = load_phantom(config.mesh)
     if solid is not None:
         return solid, mean_top_height(solid), float(solid.points[:, 2].max())
     height = height_field(config.shape, rng)
-    return solid_mesh(config.shape, height), float(height.mean()), float(height.max())
+    return solid_mesh(config.shape, height, config.cells), float(height.mean()), float(height.max())
 
 
 def _check_clearances(stage: Array, top_height: float, layout: TheatreLayout) -> None:
@@ -131,42 +193,6 @@ def _check_clearances(stage: Array, top_height: float, layout: TheatreLayout) ->
         allowed = f"at least {_SCOPE_CLEARANCE_M} m; a flatter phantom or a larger working distance gives more"
         name = "clearance between the scope's tip and the highest point of the tissue"
         raise InvalidValueError(name, round(clearance, 4), allowed)
-
-
-def _compile(
-    config: TheatreConfig,
-    mesh: TissueMesh,
-    *,
-    timestep_s: float,
-    bases: dict[str, Array],
-    trocars: dict[str, Array],
-    stage: Array,
-) -> Any:
-    spec = build_operating_table(wall_height_m=config.layout.wall_z_m, trocars=trocars)
-    spec.modelname = "theatre"
-    spec.compiler.fusestatic = False
-    spec.option.timestep = timestep_s
-    # Tissue elasticity needs the discrete integrator. In contact, Newton takes one or two iterations where conjugate
-    # gradients take ten, or, in a hard contact with friction, a hundred.
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
-    spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_SPARSE
-    spec.option.tolerance = 1e-6
-    # Also limits the linear solve for the free motion, which takes up to 60 when the tissue starts to move.
-    spec.option.iterations = 300
-    spec.memory = 400 * 2**20
-    for name, prefix, held in (
-        (CAMERA_ARM, SCOPE_PREFIX, build_laparoscope(optics=config.scope)),
-        (TOOL_ARM, INSTRUMENT_PREFIX, build_instrument()),
-    ):
-        arm = build_ur5()
-        arm.attach(held, prefix=prefix, frame=arm.body(FLANGE).add_frame())
-        position, quaternion = bases[name][:3, 3], _quaternion(bases[name])
-        spec.attach(arm, prefix=f"{name}/", frame=spec.worldbody.add_frame(pos=position, quat=quaternion))
-    spec.attach(build_stage(), prefix="stage/", frame=spec.worldbody.add_frame(pos=stage))
-    spec.attach(build_phantom(mesh, config.tissue), prefix="phantom/", frame=spec.body(STAGE_PLATE).add_frame())
-    return spec.compile()
 
 
 def _tool_pose(tip: Array, trocar: Array) -> Array:
@@ -182,9 +208,3 @@ def _transform(rotation: Array, position: Array) -> Array:
     transform[:3, :3] = rotation
     transform[:3, 3] = position
     return transform
-
-
-def _quaternion(transform: Array) -> Array:
-    quaternion = np.empty(4)
-    mujoco.mju_mat2Quat(quaternion, transform[:3, :3].ravel())
-    return quaternion

@@ -4,35 +4,26 @@ import mujoco
 import numpy as np
 
 from laploop.arrays import Array
-from laploop.assets.instrument import TIP
+from laploop.assets.instrument import TIP_CONTACT
 from laploop.assets.laparoscope import CAMERA, PROJECTOR
 from laploop.assets.tissue_mesh import TissueMesh
 from laploop.envs.theatre.actuation import Actuation
 from laploop.envs.theatre.arm import Arm
 from laploop.envs.theatre.clock_rates import ClockRates
 from laploop.envs.theatre.config import TheatreConfig
-from laploop.envs.theatre.scene import (
-    CAMERA_ARM,
-    INSTRUMENT_PREFIX,
-    SCOPE_PREFIX,
-    STAGE_PLATE,
-    TISSUE_FLEX,
-    TOOL_ARM,
-    build_scene,
-)
+from laploop.envs.theatre.scene import scene_of
+from laploop.envs.theatre.stage import Stage
+from laploop.envs.theatre.step_log import StepLog
+from laploop.envs.theatre.theatre_model import CAMERA_ARM, INSTRUMENT_PREFIX, SCOPE_PREFIX, TISSUE_FLEX, TOOL_ARM
 from laploop.envs.theatre.tissue import Tissue
 from laploop.envs.theatre.trocar import Trocar
 from laploop.errors import InvalidValueError, SimulationError
-
-_SETTLE_LIMIT_S = 2.0
-_AT_REST_M_S = 1e-6
 
 
 class Theatre:
     """Two arms, the scope, the instrument, and a tissue that moves with its stage; one seed makes one theatre.
 
-    The world is z up, metres, with its origin on the table top under the middle of the phantom. Poses and points are those
-    of the last `refresh` (or one physics step old after `step`, as MuJoCo leaves them).
+    The world is z up, metres, with its origin on the table top under the middle of the phantom.
     """
 
     def __init__(
@@ -52,24 +43,33 @@ class Theatre:
         self.config = config
         self.rates = rates or ClockRates()
         config.check_timestep(self.rates.physics_ns)
-        shape_rng, motion_rng = np.random.default_rng(seed if config.seed is None else config.seed).spawn(2)
-        scene = build_scene(config, shape_rng, timestep_s=self.rates.physics_s, solid=solid)
-        self.motion = config.motion.with_phases(motion_rng)
+        own_seed = seed if config.seed is None else config.seed
+        scene = scene_of(config, own_seed, timestep_s=self.rates.physics_s, solid=solid)
+        self.motion = config.motion.with_phases(np.random.default_rng(own_seed).spawn(2)[1])
         self.working_distance_m = scene.working_distance_m
         self.camera_arm = scene.camera_arm
         self.tool_arm = scene.tool_arm
         self.model = scene.model
         self.data = mujoco.MjData(scene.model)
         self.tissue = Tissue(self.model, self.data, flex_name=TISSUE_FLEX, mesh=scene.tissue_mesh)
-        self._stage_in_world = scene.stage_in_world
-        self._stage_mocap = int(self.model.body(STAGE_PLATE).mocapid[0])
+        self.stage = Stage(
+            self.model,
+            self.data,
+            middle=scene.stage_in_world,
+            motion=self.motion,
+            travel=config.travel,
+            timestep_ns=self.rates.physics_ns,
+        )
         self._camera_site = self.model.site(f"{CAMERA_ARM}/{SCOPE_PREFIX}{CAMERA}").id
         self._projector_site = self.model.site(f"{CAMERA_ARM}/{SCOPE_PREFIX}{PROJECTOR}").id
-        self._tip_geoms = np.flatnonzero(self.model.geom_bodyid == self.model.body(f"{TOOL_ARM}/{INSTRUMENT_PREFIX}{TIP}").id)
+        self._tip_geom = int(self.model.geom(f"{TOOL_ARM}/{INSTRUMENT_PREFIX}{TIP_CONTACT}").id)
+        self._settled_qpos = scene.settled_qpos
         self._steps = 0
         self._references: dict[str, Actuation] = {}
-        self._trocars = {arm.name: Trocar(config.trocar, arm, self.model, self.data) for arm in self.arms}
-        self._settled_qpos = self._settle()
+        camera_trocar, tool_trocar = (Trocar(config.trocar, arm, self.model, self.data) for arm in self.arms)
+        self._trocars = {self.camera_arm.name: camera_trocar, self.tool_arm.name: tool_trocar}
+        self.log = StepLog(self.data, self.arms, (camera_trocar, tool_trocar), self.rates.physics_steps_per_control)
+        """The physics steps of the newest control period."""
         self.reset()
 
     @property
@@ -87,6 +87,7 @@ class Theatre:
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = self._settled_qpos
         self._steps = 0
+        self._contact_force = np.zeros(3)
         for arm in self.arms:
             self._references[arm.name] = Actuation(
                 self.config.actuation,
@@ -95,37 +96,42 @@ class Theatre:
                 control_steps=self.rates.physics_steps_per_control,
             )
             self.data.ctrl[arm.actuator_indices] = arm.home_q
-        self._place_stage()
-        mujoco.mj_forward(self.model, self.data)
+        mujoco.mj_kinematics(self.model, self.data)
+        self.refresh()
         for trocar in self._trocars.values():
             trocar.reset()
+        self.log.reset()
         self._check()
 
     def step(self) -> None:
-        """Advance by one physics step.
+        """Advance by one physics step; poses and tissue are then those of its end.
 
         Raises:
             SimulationError: If the state became invalid or MuJoCo gave a warning.
         """
         for arm in self.arms:
             self.data.ctrl[arm.actuator_indices] = self._references[arm.name].step(self.now_ns)
-        self._place_stage()
-        # The two halves of `mj_step`; between them positions are fresh and forces are still to be summed.
-        mujoco.mj_step1(self.model, self.data)
+        # Positions are fresh, and forces are still to be summed: `mj_step` in two halves, the second first.
         if self.config.trocar.acts:
             for trocar in self._trocars.values():
                 trocar.apply()
         mujoco.mj_step2(self.model, self.data)
+        collided = False
+        if self.data.ncon:
+            self._contact_force = self._summed_contact_force()
+            # Contacts of the tissue name no geom on its side.
+            collided = bool((self.data.contact.geom >= 0).all(axis=1).any())
+        elif self._contact_force.any():
+            self._contact_force = np.zeros(3)
         self._steps += 1
+        self.refresh()
+        self.log.add(self.contact_force_in_world(), collided=collided)
         self._check()
 
     def refresh(self) -> None:
-        """Bring stage, poses, and tissue surface up to the present time; call it before any sensing."""
-        self._place_stage()
-        mujoco.mj_kinematics(self.model, self.data)
-        mujoco.mj_comPos(self.model, self.data)
-        mujoco.mj_camlight(self.model, self.data)
-        mujoco.mj_flex(self.model, self.data)
+        """Bring stage, poses, tissue and contacts up to the present state; needed after a change to it from outside."""
+        self.stage.place(self.now_ns)
+        mujoco.mj_step1(self.model, self.data)
 
     def set_joint_targets(self, arm: Arm, q: Array, qdot: Array | None = None) -> None:
         """Send an arm's servos targets for one control period: angles, (6,) rad, and velocities, (6,) rad/s.
@@ -173,15 +179,7 @@ class Theatre:
 
         It is what an ideal sensor behind the tip reads, tared for the weight of the tip: the sum over its contacts.
         """
-        force = np.zeros(3)
-        wrench = np.zeros(6)
-        geoms = self.data.contact.geom
-        for index in np.flatnonzero(np.isin(geoms, self._tip_geoms).any(axis=1)):
-            mujoco.mj_contactForce(self.model, self.data, index, wrench)
-            # The normal points from the first to the second of the pair, and the force acts on the second.
-            sign = 1.0 if geoms[index, 1] in self._tip_geoms else -1.0
-            force += sign * (wrench[:3] @ self.data.contact.frame[index].reshape(3, 3))
-        return force
+        return self._contact_force.copy()
 
     def port_force_n(self, arm: Arm) -> float:
         """Return the force in newtons with which the wall around an arm's trocar pushed its shaft sideways in the last step."""
@@ -197,32 +195,16 @@ class Theatre:
         offset = arm.trocar_in_world - self.data.site_xpos[arm.tip_site]
         return float(np.linalg.norm(offset - (offset @ axis) * axis))
 
-    def _place_stage(self) -> None:
-        time_s = self.now_ns * 1e-9
-        moved = [*self.config.travel.displacement(time_s), self.motion.displacement(time_s)]
-        self.data.mocap_pos[self._stage_mocap] = self._stage_in_world + moved
-
-    def _settle(self) -> Array:
-        """Let the tissue come to rest under gravity with the arms at home, and return the positions."""
-        mujoco.mj_resetData(self.model, self.data)
-        for arm in self.arms:
-            self.data.qpos[arm.qpos_indices] = arm.home_q
-            self.data.ctrl[arm.actuator_indices] = arm.home_q
-        self._place_stage()
-        for step in range(round(_SETTLE_LIMIT_S / self.rates.physics_s)):
-            mujoco.mj_step(self.model, self.data)
-            if step % 10 == 0 and np.abs(self.data.qvel).max() < _AT_REST_M_S:
-                break
-        else:
-            raise SimulationError(
-                f"the tissue still moves at {np.abs(self.data.qvel).max():.2g} m/s after {_SETTLE_LIMIT_S} s; "
-                f"allowed: {_AT_REST_M_S} m/s"
-            )
-        self._check()
-        qpos = np.array(self.data.qpos)
-        for arm in self.arms:
-            qpos[arm.qpos_indices] = arm.home_q
-        return qpos
+    def _summed_contact_force(self) -> Array:
+        force = np.zeros(3)
+        wrench = np.zeros(6)
+        geoms = self.data.contact.geom
+        for index in np.flatnonzero((geoms == self._tip_geom).any(axis=1)):
+            mujoco.mj_contactForce(self.model, self.data, index, wrench)
+            # The normal points from the first to the second of the pair, and the force acts on the second.
+            sign = 1.0 if geoms[index, 1] == self._tip_geom else -1.0
+            force += sign * (wrench[:3] @ self.data.contact.frame[index].reshape(3, 3))
+        return force
 
     def _site_pose(self, site: int) -> Array:
         pose = np.eye(4)

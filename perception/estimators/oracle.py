@@ -36,5 +36,9 @@ class OracleEstimator:
         check_image(image, self._rig)
         if self._truth is None:
             raise InvalidValueError("truth seen by the oracle", None, "a depth map given by see_truth before estimate")
-        valid = np.isfinite(self._truth)
-        return DepthEstimate(depth_mm=np.where(valid, self._truth, np.float32(0.0)), valid=valid)
+        return self.estimate_of(self._truth)
+
+    def estimate_of(self, depth_mm: NDArray[np.float32]) -> DepthEstimate:
+        """Return exact depth, (height, width) in millimetres, as an estimate without an image: valid where it is finite."""
+        valid = np.isfinite(depth_mm)
+        return DepthEstimate(depth_mm=np.where(valid, depth_mm, np.float32(0.0)), valid=valid)

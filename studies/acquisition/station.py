@@ -67,12 +67,13 @@ class AcquisitionStation:
         self._scope.set_optics(optics)
         appearance = config.tissue.appearance
         texture_rng = np.random.default_rng(texture_seed)
-        self._scope.attach(self._scene.model, groups=SCOPE_SEES, rng=texture_rng, appearance=appearance)
+        model, surface = self._scene.model, self._scene.tissue
+        self._scope.attach(model, tissue=surface, groups=SCOPE_SEES, rng=texture_rng, appearance=appearance)
         self._optics = self._expose(optics, level)
         self._reference = ReferenceCamera(reference_optics(config, self._optics), threads=1)
         # The same seed: both cameras look at the same texture.
         texture_rng = np.random.default_rng(texture_seed)
-        self._reference.attach(self._scene.model, groups=REFERENCE_SEES, rng=texture_rng, appearance=appearance)
+        self._reference.attach(model, tissue=surface, groups=REFERENCE_SEES, rng=texture_rng, appearance=appearance)
 
     def take(self, index: int, store: PairStore) -> tuple[PairFrame, dict[str, Any]]:
         """Move, settle, and take pair `index` of this tissue; the store's calibration reprojects the reference depth.

@@ -67,7 +67,7 @@ def robustness_frames(config: RobustnessConfig, scope: ScopeOptics) -> Iterator[
             scene = TrainingScene(TissueConfig(shape=shape), _rng(config, 0, tissue))
             conditions = [name for name in CONDITIONS if (name == OTHER_TISSUE) == (kind == "other")]
             for camera in cameras.values():
-                camera.attach(scene.model, rng=_rng(config, 1, tissue))
+                camera.attach(scene.model, tissue=scene.tissue, rng=_rng(config, 1, tissue))
             for frame in range(config.frames_per_tissue):
                 number = tissue * config.frames_per_tissue + frame
                 for condition in conditions:

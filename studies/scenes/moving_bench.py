@@ -124,8 +124,10 @@ class BenchScene(TrainingScene):
             raise SimulationError(f"the tissue on the stage became invalid: MuJoCo warns of {names}")
 
     def _place_stage(self, world_from_stage: Array) -> None:
-        self.data.mocap_pos[self._plate] = world_from_stage[:3, 3]
-        mujoco.mju_mat2Quat(self.data.mocap_quat[self._plate], np.ascontiguousarray(world_from_stage[:3, :3]).ravel())
+        quaternion = np.empty(4)
+        mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(world_from_stage[:3, :3]).ravel())
+        self.data.mocap_pos[self._stage] = world_from_stage[:3, 3]
+        self.data.mocap_quat[self._stage] = quaternion
 
 
 def _shaft(world_from_scope: Array, scope: ScopeOptics) -> Callable[[Any], None]:

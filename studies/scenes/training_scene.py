@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 
 from laploop.assets.instrument import build_instrument
 from laploop.assets.operating_table import build_stage
-from laploop.assets.phantom import TISSUE, build_phantom
+from laploop.assets.phantom import PHANTOM, TISSUE, build_phantom
 from laploop.assets.shafts import INSTRUMENT
 from laploop.assets.tissue_config import TissueConfig
 from laploop.assets.tissue_mesh import solid_mesh
 from laploop.assets.tissue_shape import height_field
+from laploop.envs.theatre.tissue import Tissue
 
 Array = NDArray[np.float64]
 
@@ -35,7 +36,7 @@ class TrainingScene:
         `furnish` adds further objects to the `mujoco.MjSpec` before it is compiled.
         """
         height = height_field(config.shape, rng)
-        mesh = solid_mesh(config.shape, height)
+        mesh = solid_mesh(config.shape, height, config.cells)
         self.mean_height_m = float(height.mean())
         spec = build_stage()
         spec.modelname = "training"
@@ -49,18 +50,16 @@ class TrainingScene:
             geom.name = f"stage/{geom.name}"
         plate = spec.body("plate")
         plate.name = _PLATE
-        spec.attach(build_phantom(mesh, config), prefix="phantom/", frame=plate.add_frame())
+        spec.attach(build_phantom(mesh, config), prefix="phantom/", frame=spec.worldbody.add_frame())
         holder = spec.worldbody.add_body(name=_HOLDER, mocap=True)
         spec.attach(build_instrument(), prefix="tool_arm/instrument/", frame=holder.add_frame())
         if furnish is not None:
             furnish(spec)
         self.model: Any = spec.compile()
         self.data: Any = mujoco.MjData(self.model)
-        self._plate = int(self.model.body(_PLATE).mocapid[0])
+        self._stage = [int(self.model.body(name).mocapid[0]) for name in (_PLATE, f"phantom/{PHANTOM}")]
         self._holder = int(self.model.body(_HOLDER).mocapid[0])
-        flex = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_FLEX, f"phantom/{TISSUE}")
-        self._rows = int(self.model.flex_vertadr[flex]) + mesh.surface_vertices.astype(np.intp)
-        self._top = int(mesh.triangles[: mesh.top_triangle_count].max()) + 1
+        self.tissue = Tissue(self.model, self.data, flex_name=f"phantom/{TISSUE}", mesh=mesh)
         self.reset()
 
     def reset(self) -> None:
@@ -71,11 +70,11 @@ class TrainingScene:
 
     def top_points(self) -> Array:
         """Return the vertices of the tissue's top, (n, 3)."""
-        return np.asarray(self.data.flexvert_xpos[self._rows[: self._top]])
+        return self.surface_points()[: self.tissue.top_vertex_count]
 
     def surface_points(self) -> Array:
-        """Return a copy of all vertices of the tissue's surface, (n, 3)."""
-        return np.array(self.data.flexvert_xpos[self._rows])
+        """Return all vertices of the tissue's surface, (n, 3)."""
+        return self.tissue.surface_points()
 
     def place_tool(self, tip: Array, axis: Array) -> None:
         """Put the centre of the instrument's ball end at `tip` (3,), its shaft along the unit vector `axis` to the tip."""

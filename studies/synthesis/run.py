@@ -79,7 +79,7 @@ def _render_tissue(config: TrainingFramesConfig, out: Path, tissue: int) -> int:
     tissue_rng = config.tissue_rng(tissue)
     scene = TrainingScene(TissueConfig(), tissue_rng)
     camera = StripeCamera(Rig.from_optics(config.scope_of(tissue)), threads=1)
-    camera.attach(scene.model, rng=tissue_rng, appearance=config.appearance_of(tissue))
+    camera.attach(scene.model, tissue=scene.tissue, rng=tissue_rng, appearance=config.appearance_of(tissue))
     for index in todo:
         rng = config.frame_rng(index)
         with_tool = rng.random() < config.tool_share

@@ -54,14 +54,14 @@ class ProbeProcess:
         try:
             self.greeting = self._answer()
         except BaseException:
-            self.close()
+            self.close(at_once=True)
             raise
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.close(at_once=kind is not None)
 
     def prepare(self, measure: str, options: Mapping[str, Any]) -> Sample:
         """Prepare a measurement, in place of the one before.
@@ -79,15 +79,18 @@ class ProbeProcess:
         """
         return self._ask({"block": number})
 
-    def close(self) -> None:
-        """End the process."""
+    def close(self, *, at_once: bool = False) -> None:
+        """End the process, in the middle of a block if it must be `at_once`."""
         if self._process.stdin is not None:
             with suppress(OSError):
                 self._process.stdin.close()
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(timeout=_PATIENCE_S)
+        if not at_once:
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(timeout=_PATIENCE_S)
         self._process.kill()
         self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
         self._folder.cleanup()
 
     def _ask(self, request: Mapping[str, Any]) -> Sample:

@@ -79,7 +79,7 @@ def stage_times(config: BenchConfig, report: Callable[[float], None]) -> list[St
         Stage.of("control tick alone: kinematics, QP, prediction", alone.core),
     ]
     camera = StripeCamera(env.loop.rig, env.config.loop.optics, device=env.config.loop.device)
-    camera.attach(theatre.model)
+    camera.attach(theatre.model, tissue=theatre.tissue)
     rng = np.random.default_rng(config.seed)
     pose = theatre.world_from_camera()
     stages.append(Stage.of("stripe frame", _time(lambda: camera.capture(theatre.data, pose, rng), config.calls)))
@@ -147,10 +147,10 @@ def _reference_stages(theatre: Theatre, rig: Rig, rng: np.random.Generator) -> l
     # Aimed at the point 90 mm in front of the scope.
     world_from_reference = lateral_mount(world_from_scope[:3, 3] + 0.09 * world_from_scope[:3, 2])
     coarse = ReferenceCamera(ReferenceOptics(sampling="2x2"))
-    coarse.attach(theatre.model)
+    coarse.attach(theatre.model, tissue=theatre.tissue)
     captured = _time(lambda: coarse.capture(theatre.data, world_from_reference, rng), _REFERENCE_CALLS, warm_up=1)
     full = ReferenceCamera(ReferenceOptics(sampling="full"))
-    full.attach(theatre.model)
+    full.attach(theatre.model, tissue=theatre.tissue)
     cloud = full.capture(theatre.data, world_from_reference, rng).xyz
     scope_from_reference = invert_transform(world_from_scope) @ world_from_reference
     projected = _time(lambda: reproject(cloud, scope_from_reference, rig.camera), _REFERENCE_CALLS, warm_up=1)

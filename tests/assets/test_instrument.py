@@ -1,7 +1,7 @@
 import mujoco
 import numpy as np
 
-from laploop.assets.instrument import TIP, VISIBLE_GROUP, build_instrument
+from laploop.assets.instrument import TIP, TIP_CONTACT, VISIBLE_GROUP, build_instrument
 from laploop.assets.laparoscope import SHAFT_TIP, build_laparoscope
 from laploop.assets.shafts import INSTRUMENT
 
@@ -35,7 +35,7 @@ def test_taper_joins_the_shaft_to_the_neck():
 def test_only_tip_and_distal_shaft_can_touch_tissue():
     model, _ = compiled(build_instrument())
     touching = {model.geom(index).name for index in range(model.ngeom) if model.geom_conaffinity[index] & 1}
-    assert touching == {TIP, "distal_shaft_contact"}
+    assert touching == {TIP_CONTACT, "distal_shaft_contact"}
 
 
 def test_tools_weigh_less_than_half_the_payload():

@@ -20,7 +20,7 @@ def test_mesh_is_a_closed_solid_with_surface_turned_outwards():
     corners = mesh.points[mesh.tetrahedra]
     volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
     assert volumes.min() > 0.0
-    surface = mesh.points[mesh.surface_vertices][mesh.triangles]
+    surface = mesh.surface_points[mesh.triangles]
     # With the flat bottom at z = 0 left out, the divergence theorem for (0, 0, z) still gives the whole volume.
     normals = 0.5 * np.cross(surface[:, 1] - surface[:, 0], surface[:, 2] - surface[:, 0])
     flux = np.sum(normals[:, 2] * surface[:, :, 2].mean(axis=1))
@@ -34,14 +34,14 @@ def test_every_edge_of_the_surface_but_the_bottom_rim_has_two_triangles():
     edges = np.sort(mesh.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     unique, counts = np.unique(edges, axis=0, return_counts=True)
     assert counts.max() == 2
-    rim = mesh.points[mesh.surface_vertices][unique[counts == 1]]
+    rim = mesh.surface_points[unique[counts == 1]]
     assert np.all(rim[..., 2] == 0.0)
 
 
 def test_top_vertices_come_first_and_are_the_height_field():
     height = tissue(2)
     mesh = solid_mesh(SHAPE, height)
-    top = mesh.points[mesh.surface_vertices[: SHAPE.samples**2]]
+    top = mesh.surface_points[: SHAPE.samples**2]
     np.testing.assert_array_equal(top[:, 2], height.ravel())
     assert mesh.triangles[: mesh.top_triangle_count].max() == SHAPE.samples**2 - 1
 
@@ -65,7 +65,7 @@ def test_shape_under_an_overhang_does_not_count_as_top():
         points += [*part.vertices, part.vertices.mean(axis=0)]
         tetrahedra += [[*(start + face), start + len(part.vertices)] for face in part.faces]
     mesh = solid_from_tetrahedra(np.array(points), np.array(tetrahedra))
-    top = mesh.points[mesh.surface_vertices][mesh.triangles[: mesh.top_triangle_count]]
+    top = mesh.surface_points[mesh.triangles[: mesh.top_triangle_count]]
     assert len(top) == 2
     np.testing.assert_allclose(top[..., 2], 0.035, atol=1e-12)
     assert mean_top_height(mesh) == pytest.approx(0.035)

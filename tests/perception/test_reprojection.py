@@ -197,13 +197,13 @@ def test_reference_depth_agrees_with_the_exact_depth_where_both_see_the_tissue()
     scope_pose = theatre.world_from_camera()
     rig = Rig.from_optics(ScopeOptics())
     scope = StripeCamera(rig)
-    scope.attach(theatre.model)
+    scope.attach(theatre.model, tissue=theatre.tissue)
     exact = scope.exact(theatre.data, scope_pose)
     surface = theatre.tissue.surface_points()[: theatre.tissue.top_vertex_count]
     reference_pose = lateral_mount(surface.mean(axis=0))
     # Full sampling has 0.24 mm between its points, 0.4 mm across the slanting surface; the scope's pixels are 0.45 mm wide.
     reference = ReferenceCamera(ReferenceOptics(sampling="full").ideal())
-    reference.attach(theatre.model)
+    reference.attach(theatre.model, tissue=theatre.tissue)
     capture = reference.capture(theatre.data, reference_pose, None)
     scope_from_reference = invert_transform(scope_pose) @ reference_pose
     result = reproject(capture.xyz, scope_from_reference, rig.camera)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from laploop.assets.tissue_appearance import TissueAppearance, tissue_albedo
 from laploop.envs.sensors.object_id import ObjectId, object_id_of_geom
 from laploop.envs.sensors.tracing import primitives
+from laploop.envs.sensors.tracing.tissue_surface import FlexSurface, TissueSurface
 from laploop.errors import InvalidValueError
 
 
@@ -22,8 +23,8 @@ class _RigidPart:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _FlexPart:
-    vertices: NDArray[np.intp]
+class _TissuePart:
+    surface: TissueSurface | FlexSurface
     rows: slice
 
 
@@ -85,24 +86,26 @@ class SceneGeometry:
             raise InvalidValueError("albedo_factor", "an array with negative or non-finite numbers", "numbers from 0 on")
         self.parts: NDArray[np.int32] = _spread("parts", parts, count).astype(np.int32)
         self._rigid: list[_RigidPart] = []
-        self._flex: list[_FlexPart] = []
+        self._tissues: list[_TissuePart] = []
 
     @classmethod
     def from_model(
         cls,
         model: mujoco.MjModel,
         *,
+        tissue: TissueSurface | None = None,
         groups: Collection[int] = (1,),
         rng: np.random.Generator | None = None,
         appearance: TissueAppearance | None = None,
     ) -> "SceneGeometry":
-        """Collect the geoms and flexes of the given groups; call `update` before the first image.
+        """Collect the tissue and the geoms of the given groups; call `update` before the first image.
 
-        Geoms become tool, stage or other by the prefix of their names, flexes tissue. Fully transparent geoms are left out.
+        Geoms become tool, stage or other by the prefix of their names. Fully transparent geoms are left out.
 
         Args:
             model: The compiled model.
-            groups: Geom and flex groups that the camera sees.
+            tissue: The surface that the camera sees of the tissue; by default those of the model's flexes in `groups`.
+            groups: Groups that the camera sees.
             rng: Source of the tissue's texture, a smooth variation of its albedo; without it the tissue is uniform.
             appearance: Patches and detail on top of that texture; none by default.
 
@@ -116,26 +119,27 @@ class SceneGeometry:
         surfaces: list[primitives.Surface] = []
         ids: list[ObjectId] = []
         rigid: list[_RigidPart] = []
-        flex: list[_FlexPart] = []
+        tissues: list[_TissuePart] = []
         factors: list[NDArray[np.float32]] = []
         start = 0
-        for index in np.flatnonzero(np.isin(model.flex_group, list(groups))):
-            vertices, triangles = _flex_surface(model, int(index))
-            rest = _flex_rest_points(model, vertices)
-            surfaces.append((rest, triangles))
+        flexes = np.flatnonzero(np.isin(model.flex_group, list(groups)))
+        seen = [tissue] if tissue is not None else [FlexSurface(model, int(flex)) for flex in flexes]
+        for surface in seen:
+            rest = surface.rest_points
+            surfaces.append((rest, surface.triangles))
             ids.append(ObjectId.TISSUE)
-            flex.append(_FlexPart(vertices=vertices, rows=slice(start, start + len(vertices))))
-            uniform = np.ones(len(vertices), dtype=np.float32)
+            tissues.append(_TissuePart(surface=surface, rows=slice(start, start + len(rest))))
+            uniform = np.ones(len(rest), dtype=np.float32)
             factors.append(uniform if rng is None else tissue_albedo(rest, appearance, rng))
-            start += len(vertices)
+            start += len(rest)
         visible = np.isin(model.geom_group, list(groups)) & (_geom_opacity(model) > 0.0)
         for index in np.flatnonzero(visible):
-            surface = _geom_surface(model, int(index))
-            surfaces.append(surface)
+            points, triangles = _geom_surface(model, int(index))
+            surfaces.append((points, triangles))
             ids.append(object_id_of_geom(model.geom(index).name))
-            rigid.append(_RigidPart(geom=int(index), rows=slice(start, start + len(surface[0])), points_in_geom=surface[0]))
-            factors.append(np.ones(len(surface[0]), dtype=np.float32))
-            start += len(surface[0])
+            rigid.append(_RigidPart(geom=int(index), rows=slice(start, start + len(points)), points_in_geom=points))
+            factors.append(np.ones(len(points), dtype=np.float32))
+            start += len(points)
         if not surfaces:
             raise InvalidValueError("groups", tuple(groups), "groups that hold at least one geom or flex")
         points, triangles = primitives.join(surfaces)
@@ -147,13 +151,14 @@ class SceneGeometry:
             albedo_factor=np.concatenate(factors),
             parts=np.repeat(np.arange(len(surfaces)), counts),
         )
-        scene._rigid, scene._flex = rigid, flex
+        scene._rigid, scene._tissues = rigid, tissues
         return scene
 
     def update(self, data: mujoco.MjData) -> None:
-        """Move the points to where the model's bodies and flexes are; make the kinematics current first."""
-        for flex in self._flex:
-            self.points[flex.rows] = data.flexvert_xpos[flex.vertices]
+        """Move the points to where the tissue and the model's bodies are; make the kinematics current first."""
+        for tissue in self._tissues:
+            surface = tissue.surface
+            self.points[tissue.rows] = surface.points(data) if isinstance(surface, FlexSurface) else surface.surface_points()
         for rigid in self._rigid:
             rotation = data.geom_xmat[rigid.geom].reshape(3, 3)
             self.points[rigid.rows] = rigid.points_in_geom @ rotation.T + data.geom_xpos[rigid.geom]
@@ -185,29 +190,6 @@ def _spread(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
     if array.shape != (count,):
         raise InvalidValueError(f"shape of {name}", array.shape, f"({count},)")
     return array
-
-
-def _flex_surface(model: mujoco.MjModel, flex: int) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
-    """Return the rows of `flexvert_xpos` on the surface of a flex, and its triangles as rows of those."""
-    dim = int(model.flex_dim[flex])
-    if dim == 3:
-        start, count = int(model.flex_shelldataadr[flex]), int(model.flex_shellnum[flex])
-        corners = model.flex_shell[start : start + 3 * count]
-    elif dim == 2:
-        start, count = int(model.flex_elemdataadr[flex]), int(model.flex_elemnum[flex])
-        corners = model.flex_elem[start : start + 3 * count]
-    else:
-        raise InvalidValueError(f"dimension of flex {flex}", dim, "2 or 3; a line has no surface")
-    vertices, triangles = np.unique(corners, return_inverse=True)
-    return vertices.astype(np.intp) + int(model.flex_vertadr[flex]), triangles.reshape(-1, 3).astype(np.int32)
-
-
-def _flex_rest_points(model: mujoco.MjModel, vertices: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Return where the vertices of a flex are in the model's reference pose."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_flex(model, data)
-    return np.array(data.flexvert_xpos[vertices])
 
 
 def _geom_opacity(model: mujoco.MjModel) -> NDArray[np.float64]:

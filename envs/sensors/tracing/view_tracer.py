@@ -8,7 +8,8 @@ import warp as wp
 from numpy.typing import NDArray
 
 from laploop.envs.sensors.kernels import ray_kernels, zbuffer_kernels
-from laploop.envs.sensors.stripe_capture import ExactView
+from laploop.envs.sensors.object_id import ObjectId
+from laploop.envs.sensors.stripe_capture import DepthView, ExactView
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.envs.sensors.tracing.strip_runner import StripRunner
 from laploop.perception.geometry import Rig, rigid_transform
@@ -24,7 +25,7 @@ class RayScene:
     """Points, triangles, vertex normals and bounding-volume tree of one `SceneGeometry` on a device."""
 
     def __init__(self, geometry: SceneGeometry, device: wp.Device) -> None:
-        """Upload the scene and build its tree; call `update` before tracing if the points have moved since."""
+        """Upload the scene and build its tree."""
         self.geometry = geometry
         self.device = device
         self.points: Any = wp.array(geometry.points, dtype=wp.vec3, device=device, copy=True)
@@ -46,12 +47,14 @@ class RayScene:
             device=device,
             record_cmd=True,
         )
-        self.update()
 
-    def update(self) -> None:
-        """Upload the geometry's points, refit the tree and compute the vertex normals anew."""
-        self.points.assign(self.geometry.points)
+    def move(self, points: NDArray[np.float32]) -> None:
+        """Upload the points, (n, 3) in the world, and refit the tree."""
+        self.points.assign(points)
         self.mesh.refit()
+
+    def update_normals(self) -> None:
+        """Compute the vertex normals at the present points."""
         self._normals_launch.launch()
 
 
@@ -89,7 +92,9 @@ class ViewTracer:
         self._pinhole = True
         self._walk: list[Any] = []
         self._to_views: Any = None
-        self._rasterise: list[list[Any]] = []
+        self._rasterise_camera: list[Any] = []
+        self._rasterise_projector: list[Any] = []
+        self._object_ids: NDArray[np.uint8] = np.zeros(1, dtype=np.uint8)
         self.trace: list[Any] = []
         """Recorded launches, one for each of `StripRunner.pixel_strips`; run them after `find_surfaces`."""
 
@@ -120,10 +125,13 @@ class ViewTracer:
             device=device,
             record_cmd=True,
         )
-        self._rasterise = [
-            self._record_rasterise(self._camera_view, in_camera, on_camera, scene.corners, self._camera_keys),
-            self._record_rasterise(self._projector_view, in_projector, on_projector, scene.corners, self._projector_keys),
-        ]
+        corners = scene.corners
+        self._rasterise_camera = self._record_rasterise(self._camera_view, in_camera, on_camera, corners, self._camera_keys)
+        self._rasterise_projector = self._record_rasterise(
+            self._projector_view, in_projector, on_projector, corners, self._projector_keys
+        )
+        # The last entry stands for what is not hit.
+        self._object_ids = np.append(scene.geometry.object_ids, np.uint8(ObjectId.BACKGROUND))
         inputs = [scene.mesh.id, self._pose, self.rays, in_camera, scene.corners]
         self._walk = self.record(ray_kernels.trace_keys, inputs, [self._camera_keys])
         half_field = wp.vec2(rig.mask.half_width_tan, rig.mask.half_width_tan)
@@ -153,16 +161,25 @@ class ViewTracer:
         rows = np.vstack([pose[:3, 3], rotation.T, rotation @ projector_in_camera + pose[:3, 3]])
         self._pose.assign(rows.astype(np.float32))
 
+    def find_camera_surfaces(self) -> None:
+        """Find the triangles behind the pixels of the camera."""
+        self._camera_keys.fill_(_NOTHING)
+        self._to_views.launch()
+        self._runner.run(self._rasterise_camera if self._pinhole else self._walk)
+
     def find_surfaces(self) -> None:
         """Find the triangles behind the pixels of the camera and of the projector's depth map."""
-        self._camera_keys.fill_(_NOTHING)
+        self.find_camera_surfaces()
         self._projector_keys.fill_(_NOTHING)
-        self._to_views.launch()
-        if self._pinhole:
-            self._runner.run(*self._rasterise)
-        else:
-            self._runner.run(self._rasterise[1])
-            self._runner.run(self._walk)
+        self._runner.run(self._rasterise_projector)
+
+    def read_depth(self) -> DepthView:
+        """Decode what `find_camera_surfaces` has found: depth in the upper half of a key, the triangle in the lower."""
+        keys = self._camera_keys.numpy()
+        # Where nothing was hit, all bits are set: a depth that is not a number.
+        depth = (keys >> np.uint64(32)).astype(np.uint32).view(np.float32) * np.float32(1e3)
+        triangle = np.minimum(keys.astype(np.uint32), np.uint32(len(self._object_ids) - 1))
+        return DepthView(depth_mm=depth.reshape(self._shape), object_id=self._object_ids[triangle].reshape(self._shape))
 
     def read(self) -> ExactView:
         """Copy the results to numpy."""

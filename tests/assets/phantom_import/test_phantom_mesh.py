@@ -70,7 +70,7 @@ def test_tetrahedra_are_positive_and_fill_the_body(solid):
 
 
 def test_visible_surface_is_the_dome_turned_outwards(solid):
-    points = solid.points[solid.surface_vertices]
+    points = solid.surface_points
     corners = points[solid.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     middles = corners.mean(axis=1)
@@ -85,7 +85,7 @@ def test_visible_surface_is_the_dome_turned_outwards(solid):
 def test_top_comes_first_and_its_mean_height_is_that_of_the_half_ellipsoid(solid):
     top = solid.triangles[: solid.top_triangle_count]
     assert np.unique(top).size == top.max() + 1
-    assert np.unique(solid.triangles).size == len(solid.surface_vertices)
+    assert np.unique(solid.triangles).size == len(solid.surface_points)
     # Two thirds of the height; metres.
     assert mean_top_height(solid) == pytest.approx(2.0 / 3.0 * 0.025, abs=3e-4)
 

@@ -38,7 +38,7 @@ SUMMARY_GROUPS = {
     "port_force_n": {"camera_max", "tool_max"},
     "limits": {"joint_speed_share", "command_acceleration_share", "shaft_room_mm", "wall_room_mm", "collision_steps"},
     "depth_age_ms": {"mean", "p99"},
-    "stage_ms": {"physics", "render", "perception", "control", "record"},
+    "stage_ms": {"physics", "capture", "render", "perception", "wait", "control", "record"},
 }
 
 

@@ -15,6 +15,7 @@ from laploop.envs.loop.proprioception import Proprioception
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.tasks.reach import ReachEnv
 from laploop.envs.theatre.actuation import ActuationConfig
+from laploop.envs.theatre.step_log import StepLog
 from laploop.envs.theatre.theatre import Theatre
 from laploop.envs.theatre.trocar import TrocarConfig
 from laploop.errors import SimulationError
@@ -35,7 +36,7 @@ def watch(monkeypatch, kind, method, seen):
     monkeypatch.setattr(kind, method, wrapped)
 
 
-def test_a_step_is_physics_then_poses_then_proprioception_then_capture_then_arrival(task_env, monkeypatch):
+def test_a_step_is_physics_then_proprioception_then_capture_then_arrival(task_env, monkeypatch):
     # A camera period of 2.5 control periods: every other frame is captured in the middle of one.
     env = task_env("reach", camera_hz=50.0)
     env.reset(seed=3)
@@ -43,9 +44,8 @@ def test_a_step_is_physics_then_poses_then_proprioception_then_capture_then_arri
     for kind, method, name in (
         (Theatre, "set_joint_targets", "command"),
         (Theatre, "step", "physics"),
-        (Theatre, "refresh", "poses"),
         (Proprioception, "after_physics_step", "proprioception"),
-        (StripeCamera, "capture", "capture"),
+        (StripeCamera, "snapshot", "capture"),
         (PerceptionServer, "poll", "arrival"),
     ):
         watch(monkeypatch, kind, method, lambda _, name=name: events.append(name))
@@ -55,9 +55,8 @@ def test_a_step_is_physics_then_poses_then_proprioception_then_capture_then_arri
     expected = []
     for step in range(1, 21):
         due = (begin_ns + step * 2 * MS) % (20 * MS) == 0
-        last = step % 4 == 0
         expected += ["command"] if step % 4 == 1 else []
-        expected += ["physics"] + ["poses"] * (due or last) + ["proprioception"] + ["capture"] * due + ["arrival"]
+        expected += ["physics", "proprioception"] + ["capture"] * due + ["arrival"]
     assert events == expected
     assert events.count("capture") == 2
 
@@ -74,7 +73,7 @@ def test_a_frame_shows_the_theatre_as_it_is_and_not_a_step_before(task_env, monk
         mujoco.mj_forward(theatre.model, fresh)
         lags.append(np.abs(fresh.site_xpos - theatre.data.site_xpos).max())
 
-    watch(monkeypatch, StripeCamera, "capture", compare)
+    watch(monkeypatch, StripeCamera, "snapshot", compare)
     for _ in range(10):
         env.step(np.array([0.0, 0.0, 0.03], np.float32))
     assert len(lags) == 4
@@ -166,9 +165,9 @@ def test_the_force_of_a_period_is_the_worst_and_the_mean_of_its_steps(task_env, 
 def test_the_trocar_errors_of_a_period_are_the_worst_of_its_steps(task_env, monkeypatch):
     env = task_env("reach")
     env.reset(seed=3)
-    errors = {"camera": iter([1e-4, 3e-4, 2e-4, 0.0]), "tool": iter([5e-4, 1e-4, 1e-4, 1e-4])}
-    arms = {env.loop.theatre.camera_arm.name: "camera", env.loop.theatre.tool_arm.name: "tool"}
-    monkeypatch.setattr(Theatre, "rcm_error_m", lambda _, arm: next(errors[arms[arm.name]]))
+    # Metres, a row a physics step: camera arm and tool arm.
+    errors = np.array([[1e-4, 5e-4], [3e-4, 1e-4], [2e-4, 1e-4], [0.0, 1e-4]])
+    monkeypatch.setattr(StepLog, "rcm_error_m", errors)
     *_, info = env.step(STILL)
     assert info["rcm_error_mm"] == pytest.approx({"camera": 0.3, "tool": 0.5})
 

@@ -7,37 +7,39 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from laploop.assets.scope_optics import ScopeOptics
 from laploop.envs.loop.faults import OUT_OF_REACH, Fault, FaultInjector, FaultKind
 from laploop.envs.loop.perception_server import ServedFrame
 from laploop.envs.loop.proprioception import ProprioceptiveReading
 from laploop.envs.theatre.organ_motion import BaseMotion
 from laploop.errors import InvalidValueError, UnknownNameError
-from laploop.perception.messages import DepthEstimate, DepthFrame
+from laploop.perception.geometry import Rig
+from laploop.perception.messages import DepthEstimate
+
+CAMERA = Rig.from_optics(ScopeOptics()).camera
 
 CONTACT_S = 1.8
 """The palpating tip of seed 3 touches before that."""
 
 
-def frame(index):
+def frame(index, marker_pixel=None):
     """Make a depth frame of 25 a second that arrives 40 ms after its capture."""
     estimate = DepthEstimate(depth_mm=np.full((20, 30), 90.0, np.float32), valid=np.ones((20, 30), bool))
     captured_ns = index * 40_000_000
-    depth = DepthFrame(
-        index=index,
-        estimate=estimate,
-        captured_ns=captured_ns,
-        available_ns=captured_ns + 40_000_000,
-        world_from_camera=np.eye(4),
+    captured = SimpleNamespace(
+        index=index, captured_ns=captured_ns, world_from_camera=np.eye(4), marker_pixel=lambda _: marker_pixel
     )
-    return ServedFrame(depth=depth, captured=SimpleNamespace())
+    pending = SimpleNamespace(wait=lambda: estimate)
+    return ServedFrame(captured=captured, available_ns=captured_ns + 40_000_000, estimate=pending)
 
 
-def stream(fault, frames=8, markers=None):
+def stream(fault, frames=8, marker_pixel=None):
     """Return (time of arrival in units of frames, frame) of all that arrive."""
     injector = FaultInjector((fault,))
-    markers = {} if markers is None else markers
     return [
-        (now, one) for now in range(1, frames) for one in injector.depth_frames([frame(now - 1)], markers, now * 40_000_000)
+        (now, one)
+        for now in range(1, frames)
+        for one in injector.depth_frames([frame(now - 1, marker_pixel)], CAMERA, now * 40_000_000)
     ]
 
 
@@ -64,16 +66,17 @@ def test_a_late_frame_comes_after_newer_ones():
 
 
 def test_a_hidden_target_takes_its_surroundings_and_its_marker_away():
-    markers = {index: np.array([10.5, 5.5]) for index in range(8)}
-    arrived = stream(Fault(kind="target-hidden", start_s=0.08, end_s=0.12, radius_px=3.0), markers=markers)
-    hidden = arrived[2][1].depth.estimate.valid
+    fault = Fault(kind="target-hidden", start_s=0.08, end_s=0.12, radius_px=3.0)
+    arrived = [one for _, one in stream(fault, marker_pixel=np.array([10.5, 5.5]))]
+    hidden = arrived[2].depth.estimate.valid
     assert not hidden[5, 10]
     assert not hidden[5, 12]
     assert hidden[5, 14]
     assert hidden[9, 10]
-    assert markers[2] is None
-    assert all(markers[index] is not None for index in (0, 1, 3))
-    assert arrived[3][1].depth.estimate.valid.all()
+    assert [one.marker_pixel(CAMERA) is None for one in arrived[:4]] == [False, False, True, False]
+    assert arrived[3].depth.estimate.valid.all()
+    # A target that is out of view anyway takes nothing with it.
+    assert all(one.depth.estimate.valid.all() for _, one in stream(fault))
 
 
 def test_a_saturated_sensor_reads_its_full_scale():

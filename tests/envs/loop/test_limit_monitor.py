@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -31,7 +30,7 @@ def watch(theatre):
 
 
 def test_arms_at_home_are_clear_of_everything(theatre, watch):
-    watch.stepped()
+    watch.period_over()
     home = max(np.abs(theatre.tool_arm.home_q).max(), np.abs(theatre.camera_arm.home_q).max())
     assert watch.worst.joint_position_share >= home / (2.0 * np.pi)
     assert watch.worst.joint_speed_share == 0.0
@@ -43,7 +42,8 @@ def test_a_joint_at_its_limits_of_angle_and_speed_shows(theatre, watch):
     elbow = 2
     theatre.data.qpos[theatre.tool_arm.qpos_indices[elbow]] = -1.01 * np.pi
     theatre.data.qvel[theatre.camera_arm.dof_indices[0]] = 0.5 * np.pi
-    watch.stepped()
+    theatre.log.reset()
+    watch.period_over()
     # The elbow turns by 180 degrees, all others by 360; every joint by 180 degrees a second.
     assert watch.worst.joint_position_share == pytest.approx(1.01)
     assert watch.worst.joint_speed_share == pytest.approx(0.5)
@@ -63,38 +63,30 @@ def test_commands_are_measured_against_the_controllers_limits(watch):
 
 
 def test_shafts_that_cross_and_a_tip_above_the_wall_show(theatre, watch):
-    class Moved:
-        """The theatre with the tool's shaft where the test puts it."""
-
-        def __init__(self, pose):
-            self.pose = pose
-
-        def __getattr__(self, name):
-            return getattr(theatre, name)
-
-        def world_from_shaft(self, arm):
-            return self.pose if arm is theatre.tool_arm else theatre.world_from_shaft(arm)
-
-    across = theatre.world_from_shaft(theatre.camera_arm).copy()
-    across[:3, :3] = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
-    across[2, 3] = theatre.config.layout.wall_z_m + 0.05
-    watch._theatre = Moved(across)
-    watch.stepped()
+    # The tool's shaft lies level through the scope's, in one of the period's steps.
+    theatre.log.tip[2, 1] = theatre.log.tip[2, 0]
+    theatre.log.tip[2, 1, 2] = theatre.config.layout.wall_z_m + 0.05
+    theatre.log.axis[2, 1] = [1.0, 0.0, 0.0]
+    watch.period_over()
     # Axes that meet leave minus both radii, 6 and 2.5 mm; a shaft level with the wall has its tip 50 mm above it.
     assert watch.worst.shaft_room_mm == pytest.approx(-8.5, abs=1e-6)
     assert watch.worst.wall_room_mm == pytest.approx(-50.0, abs=1e-6)
 
 
 def test_a_touch_of_rigid_bodies_is_counted_and_one_of_the_tissue_is_not(theatre, watch):
-    before = theatre.data.qpos.copy()
     # Straight down through the table.
     theatre.data.qpos[theatre.tool_arm.qpos_indices] = [0.0, 0.6, 0.0, 0.0, 0.0, 0.0]
-    mujoco.mj_forward(theatre.model, theatre.data)
-    watch.stepped()
+    theatre.refresh()
+    theatre.step()
+    watch.period_over()
     assert watch.worst.collision_steps == 1
-    theatre.data.qpos[:] = before
-    mujoco.mj_forward(theatre.model, theatre.data)
-    watch.stepped()
+    theatre.reset()
+    # All nodes of the tissue, the last of the positions, up until it covers the tip.
+    theatre.data.qpos[2 - 3 * 25 :: 3] += 0.045
+    theatre.refresh()
+    theatre.step()
+    assert np.linalg.norm(theatre.contact_force_in_world()) > 0.0
+    watch.period_over()
     assert watch.worst.collision_steps == 1
 
 

@@ -26,7 +26,7 @@ def served():
         world_from_camera=np.eye(4),
     )
     truth = SimpleNamespace(depth_mm=TRUTH_MM, object_id=SEEN)
-    return SimpleNamespace(depth=depth, captured=SimpleNamespace(truth=truth))
+    return SimpleNamespace(depth=depth, captured=SimpleNamespace(depth=truth))
 
 
 def test_depth_is_zero_where_it_is_not_valid_and_bounded_elsewhere(served):

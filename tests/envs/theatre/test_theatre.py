@@ -120,7 +120,7 @@ def test_invalid_state_stops_the_simulation(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     theatre = Theatre(TheatreConfig(seed=0))
     theatre.data.qvel[0] = np.nan
-    with pytest.raises(SimulationError, match="BADQVEL"):
+    with pytest.raises(SimulationError, match="BADQ"):
         theatre.step()
 
 

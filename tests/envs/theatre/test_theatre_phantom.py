@@ -52,7 +52,7 @@ def test_phantom_is_at_the_working_distance_and_hardly_sags(config, solid):
     theatre = Theatre(config)
     theatre.refresh()
     points = theatre.tissue.surface_points()
-    rest = solid.points[solid.surface_vertices] + [0.0, 0.0, 0.2 - 0.085 - mean_top_height(solid)]
+    rest = solid.surface_points + [0.0, 0.0, 0.2 - 0.085 - mean_top_height(solid)]
     # Metres: its weight of 2 N presses on 10 kPa; the camera stands where the start posture's tolerance allows.
     assert np.abs(points - rest).max() < 0.001
     assert theatre.data.ncon == 0
@@ -76,7 +76,7 @@ def test_camera_sees_tissue_with_smooth_normals_in_the_middle(config):
     theatre.refresh()
     rig = Rig.from_optics(config.scope)
     camera = StripeCamera(rig, StripeOptics())
-    camera.attach(theatre.model)
+    camera.attach(theatre.model, tissue=theatre.tissue)
     capture = camera.capture(theatre.data, theatre.world_from_camera(), np.random.default_rng(0))
     middle = (slice(64, 192), slice(64, 192))
     assert np.all(capture.object_id[middle][capture.object_id[middle] != ObjectId.TOOL] == ObjectId.TISSUE)
@@ -124,8 +124,8 @@ def test_built_in_tissue_is_what_it_was_without_a_solid():
     mesh = solid_mesh(shape, height_field(shape, rng))
     theatre = Theatre(TheatreConfig(seed=5, working_distance_m=0.09))
     theatre.refresh()
-    # All upper nodes are free: 2 arms of 6 joints, 11x11 nodes of 3.
-    assert theatre.model.nv == 12 + 3 * 121
+    # All upper nodes are free: 2 arms of 6 joints, 11x11 nodes of 3; the contact body has 3.
+    assert theatre.model.nv == 12 + 3 * 121 + 3
     assert len(theatre.tissue.triangles) == len(mesh.triangles)
 
 

@@ -227,7 +227,7 @@ def test_tissue_in_the_theatre_is_measured_from_the_side():
     surface = theatre.tissue.surface_points()[: theatre.tissue.top_vertex_count]
     pose = lateral_mount(surface.mean(axis=0))
     camera = ReferenceCamera(COARSE)
-    camera.attach(theatre.model, rng=np.random.default_rng(0))
+    camera.attach(theatre.model, tissue=theatre.tissue, rng=np.random.default_rng(0))
     capture = camera.capture(theatre.data, pose, np.random.default_rng(1))
     tissue = camera.exact(theatre.data, pose).object_id == ObjectId.TISSUE
     assert tissue.sum() > 8000

@@ -2,7 +2,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from laploop.assets.tissue_appearance import TissueAppearance
+from laploop.assets.tissue_appearance import TissueAppearance, tissue_albedo
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.errors import InvalidValueError
@@ -120,3 +120,31 @@ def test_patches_are_on_the_tissue_alone_and_move_with_it(sheet):
 def test_an_appearance_needs_something_to_be_drawn_from(sheet):
     with pytest.raises(InvalidValueError, match="rng"):
         SceneGeometry.from_model(sheet[0], appearance=TissueAppearance(coverage=0.1))
+
+
+class Hill:
+    """A tissue that no flex of the model knows of."""
+
+    triangles = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
+    rest_points = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.02], [0.0, 0.1, 0.0]])
+
+    def __init__(self):
+        self.shift = 0.0
+
+    def surface_points(self):
+        return self.rest_points + self.shift
+
+
+def test_a_given_tissue_takes_the_place_of_the_models_flexes(sheet):
+    model, data = sheet
+    hill = Hill()
+    scene = SceneGeometry.from_model(model, tissue=hill, rng=np.random.default_rng(4))
+    is_tissue = scene.object_ids == ObjectId.TISSUE
+    np.testing.assert_array_equal(scene.triangles[is_tissue], hill.triangles)
+    texture = tissue_albedo(hill.rest_points, TissueAppearance(), np.random.default_rng(4))
+    np.testing.assert_array_equal(scene.albedo_factor[:4], texture)
+    hill.shift = 0.03
+    scene.update(data)
+    np.testing.assert_allclose(scene.points[:4], hill.rest_points + 0.03, atol=1e-8)
+    # The plate of the model is still there, 50 mm below.
+    assert scene.points[4:, 2].max() == pytest.approx(-0.049)

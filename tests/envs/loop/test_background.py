@@ -1,0 +1,79 @@
+import threading
+
+import pytest
+
+from laploop.envs.loop.background import BackgroundWorker
+from laploop.envs.loop.stage_timer import StageTimer
+from laploop.errors import SimulationError
+
+
+@pytest.fixture
+def timer():
+    return StageTimer()
+
+
+@pytest.fixture
+def worker(timer):
+    worker = BackgroundWorker("render", timer)
+    yield worker
+    worker.close()
+
+
+def test_what_nobody_asks_for_is_not_computed(worker):
+    calls = []
+    asked, begun, _ = (worker.later(lambda name=name: calls.append(name)) for name in ("asked", "begun", "neither"))
+    begun.begin()
+    asked.wait()
+    assert calls == ["begun", "asked"]
+    asked.wait()
+    assert calls == ["begun", "asked"]
+
+
+def test_work_goes_on_in_the_background_in_the_order_in_which_it_is_begun(worker):
+    release, order = threading.Event(), []
+    first = worker.later(lambda: release.wait(5.0) and order.append((1, threading.current_thread().name)))
+    second = worker.later(lambda: order.append((2, threading.current_thread().name)))
+    first.begin()
+    second.begin()
+    assert order == []
+    release.set()
+    second.wait()
+    assert order == [(1, "render_0"), (2, "render_0")]
+
+
+def test_an_error_surfaces_as_what_it_is(worker):
+    failing = worker.later(lambda: {}["missing"])
+    for _ in range(2):
+        with pytest.raises(KeyError, match="missing"):
+            failing.wait()
+
+
+def test_what_is_needed_from_another_worker_comes_first_and_is_not_this_workers_time(worker, timer):
+    release = threading.Event()
+    other = BackgroundWorker("perception", timer)
+    image = worker.later(lambda: release.wait(5.0))
+    depth = other.later(image.result, after=image)
+    depth.begin()
+    threading.Timer(0.2, release.set).start()
+    assert depth.wait()
+    other.close()
+    milliseconds = timer.lap_ms()
+    assert milliseconds["render"] > 150.0
+    assert milliseconds["wait"] > 150.0
+    assert milliseconds["perception"] < 50.0
+
+
+def test_a_closed_worker_has_no_thread_and_says_what_was_not_computed(timer):
+    before = threading.active_count()
+    release = threading.Event()
+    worker = BackgroundWorker("render", timer)
+    under_way, cancelled, never = (worker.later(lambda: release.wait(5.0)) for _ in range(3))
+    under_way.begin()
+    cancelled.begin()
+    threading.Timer(0.05, release.set).start()
+    worker.close()
+    assert threading.active_count() <= before + 1  # the timer's own thread may still be ending
+    assert under_way.wait()
+    for pending in (cancelled, never, never):
+        with pytest.raises(SimulationError, match="episode of this frame is over"):
+            pending.wait()
