@@ -41,7 +41,7 @@ def deviation(one: Any, other: Any) -> float:
 
 def _farthest(surface: Any, other: Any) -> float:
     """Return how far the farthest point of a surface is from another one."""
-    vertices, faces = remesh.subdivide_to_size(other.vertices, other.faces, _PIECE_MM)
+    vertices, faces = remesh.subdivide_to_size(other.vertices, other.faces, _PIECE_MM)  # type: ignore[no-untyped-call]
     corners = vertices[faces]
     tree = cKDTree(corners.mean(axis=1))
     points = np.concatenate([surface.vertices, surface.triangles_center])
@@ -60,5 +60,5 @@ def _farthest(surface: Any, other: Any) -> float:
 def _distances(points: Array, corners: Array, tree: Any, count: int) -> Array:
     """Return the distances of points (n, 3) from the nearest of those `count` triangles whose middles are nearest, (n,)."""
     near = corners[tree.query(points, k=count)[1].ravel()]
-    found = closest_point(near, np.repeat(points, count, axis=0)).reshape(-1, count, 3)
+    found = closest_point(near, np.repeat(points, count, axis=0)).reshape(-1, count, 3)  # type: ignore[no-untyped-call]
     return np.asarray(np.linalg.norm(found - points[:, None], axis=2).min(axis=1))

@@ -16,7 +16,7 @@ import os
 import resource
 import sys
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -96,23 +96,24 @@ class Steps:
         self._env.reset(seed=seed)
         self._count = count
         timer: Any = self._env.loop.timer
-        # Not on the main thread, and so no part of the time that a step takes.
-        self._background = getattr(timer, "background", ("perception",))
-        self._laps: Counter[str] = Counter()
+        self._laps: dict[str, float] = defaultdict(float)
+        self._background: dict[str, float] = defaultdict(float)
         self._ask_laps = timer.lap_ms
-        # Recorders ask for laps as well, after which they are forgotten.
-        vars(timer)["lap_ms"] = self._lap
+        # Recorders ask for laps as well, after which they are forgotten; what other threads add is no part of a step's time.
+        vars(timer).update(lap_ms=self._lap, add=self._add)
 
     def block(self, _number: int, /) -> Sample:
         """Measure some steps; `stage_ms` adds up to the wall time of one, `background_ms` passes beside it."""
         self._lap()
         self._laps.clear()
+        self._background.clear()
         sample = _took(self._run, self._count)
         self._lap()
-        each = {stage: total / self._count for stage, total in self._laps.items()}
-        stages = {stage: spent for stage, spent in each.items() if stage not in self._background}
+        stages, background = (
+            {stage: total / self._count for stage, total in spent.items()} for spent in (self._laps, self._background)
+        )
         stages["other"] = 1e3 * sample["wall_s"] / self._count - sum(stages.values())
-        return sample | {"stage_ms": stages, "background_ms": {name: each[name] for name in each.keys() - stages.keys()}}
+        return sample | {"stage_ms": stages, "background_ms": background}
 
     def close(self) -> None:
         """End the loop's threads."""
@@ -120,8 +121,12 @@ class Steps:
 
     def _lap(self) -> dict[str, float]:
         lap: dict[str, float] = self._ask_laps()
-        self._laps.update(lap)
+        for stage, spent_ms in lap.items():
+            self._laps[stage] += spent_ms
         return lap
+
+    def _add(self, stage: str, seconds: float) -> None:
+        self._background[stage] += 1e3 * seconds
 
     def _run(self) -> None:
         loop = self._env.loop
@@ -211,7 +216,7 @@ class PhysicsSteps:
 
 
 class Captures:
-    """Pictures of the stripe camera, physics going on in between."""
+    """Pictures of the stripe camera, on one thread, physics going on in between."""
 
     _COUNT = 10
 
@@ -219,7 +224,7 @@ class Captures:
         loop = _reach(fidelity).loop
         self._theatre = Theatre(loop.theatre, loop, seed=seed)
         self._steps = FRAME_NS // loop.physics_ns
-        self._camera = StripeCamera(Rig.from_optics(loop.theatre.scope), loop.optics, device=loop.device)
+        self._camera = StripeCamera(Rig.from_optics(loop.theatre.scope), loop.optics, device=loop.device, threads=1)
         attach: Any = self._camera.attach
         surface = {"tissue": self._theatre.tissue} if "tissue" in inspect.signature(attach).parameters else {}
         attach(self._theatre.model, appearance=loop.theatre.tissue.appearance, rng=np.random.default_rng(seed), **surface)

@@ -34,7 +34,14 @@ def test_stages_of_a_step_add_up_to_its_time(measuring):
     assert sample["stage_ms"]["physics"] > 0.0
     # What is left over is not what was counted twice.
     assert 0.0 < sample["stage_ms"]["other"] < 0.9 * 1e3 * sample["wall_s"] / 2
-    assert not sample["stage_ms"].keys() & sample["background_ms"].keys()
+
+
+def test_what_other_threads_do_is_told_apart(measuring):
+    steps = measuring(Steps, observation="stripes", count=2)
+    sample = steps.block(0)
+    assert sample["background_ms"]["render"] > 0.0
+    assert sum(sample["stage_ms"].values()) == pytest.approx(1e3 * sample["wall_s"] / 2)
+    assert min(sample["stage_ms"].values()) >= 0.0
 
 
 def test_the_tip_circles_above_the_tissue_and_comes_back(measuring):
