@@ -44,8 +44,9 @@ class ResultTable:
             text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
         self._table.add_row(name, text, unit)
 
-    def show(self, folder: Path) -> None:
-        """Print the table and where the artefacts are."""
+    def show(self, folder: Path | None = None) -> None:
+        """Print the table and, with the last one of a command, where the artefacts are."""
         console = Console()
         console.print(self._table)
-        console.print(f"written to {folder}", highlight=False, soft_wrap=True)
+        if folder is not None:
+            console.print(f"written to {folder}", highlight=False, soft_wrap=True)

@@ -8,16 +8,27 @@ import errno
 import os
 import signal
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 from laploop.cli.stop_signals import STOP_SIGNALS, stop_signals
 from laploop.cli.streams import patient_streams
-from laploop.errors import InfeasibleError, LaploopError, MissingFileError, SimulationError, UnknownNameError, WorkerError
+from laploop.errors import (
+    InfeasibleError,
+    LaploopError,
+    LaploopNote,
+    MissingFileError,
+    SimulationError,
+    UnknownNameError,
+    WorkerError,
+)
 
 EXIT_OK = 0
 EXIT_FAILED = 1
@@ -86,7 +97,7 @@ def _run(arguments: list[str]) -> int:
         os.environ["OPENBLAS_NUM_THREADS"] = "1"
     # Rerun would log on its own that the disk is full, which the recorder notices by itself.
     os.environ.setdefault("RUST_LOG", "off")
-    with stop_signals(f"laploop {name}") as received:
+    with stop_signals(f"laploop {name}") as received, _notes_in_one_line(name):
         try:
             _require_working_folder()
             status: int = import_module(f"laploop.cli.commands.{name}").main(rest)
@@ -100,6 +111,24 @@ def _run(arguments: list[str]) -> int:
             lines = [message, *getattr(error, "__notes__", ())]
             sys.stderr.write(f"laploop {name}: {'; '.join(' '.join(line.split()) for line in lines)}\n")
     return status
+
+
+@contextmanager
+def _notes_in_one_line(command: str) -> Iterator[None]:
+    """Show what the library has to say as this program's own words, without the place in the code that said it."""
+    show = warnings.showwarning
+
+    def say(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if issubclass(category, LaploopNote):
+            sys.stderr.write(f"laploop {command}: {message}\n")
+        else:
+            show(message, category, *place, **more)
+
+    warnings.showwarning = say
+    try:
+        yield
+    finally:
+        warnings.showwarning = show
 
 
 def _outcome(error: BaseException, received: Sequence[int]) -> tuple[str, int] | None:

@@ -20,8 +20,8 @@ from .fidelity.run import FidelityConfig as FidelityConfig
 from .fidelity.run import measure_fidelity as measure_fidelity
 from .synthesis.config import TrainingFramesConfig as TrainingFramesConfig
 from .synthesis.run import render_training_frames as render_training_frames
-from .timing.bench import BenchConfig as BenchConfig
 from .timing.bench import run_bench as run_bench
+from .timing.bench_config import BenchConfig as BenchConfig
 from .timing.speed import measure_speed as measure_speed
 from .timing.speed_config import SpeedConfig as SpeedConfig
 

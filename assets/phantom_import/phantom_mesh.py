@@ -3,7 +3,7 @@
 The file holds millimetres, z up; the surface is centred in x and y and its lowest point is set on the plate. trimesh (MIT)
 reads it. fTetWild (Hu et al., ACM Trans. Graph. 39(4), 2020) fills it through pytetwild (MPL-2.0, an optional extra): unlike
 meshers under AGPL or GPL its licence fits an Apache-2.0 project, and it remeshes any triangles to an even resolution, within
-a thousandth of the body's diagonal.
+a thousandth of the body's diagonal. A surface of more than `MAX_TRIANGLES` is simplified first, within as much again.
 """
 
 import functools
@@ -23,10 +23,12 @@ from laploop.arrays import Array
 from laploop.assets.phantom_import.self_intersection import crossing_triangles
 from laploop.assets.phantom_import.solid_store import Solid, stored_solid
 from laploop.assets.tissue_mesh import TissueMesh, solid_from_tetrahedra
-from laploop.errors import InvalidValueError, check_file
+from laploop.errors import InvalidValueError, LaploopNote, check_file
 
 SUFFIXES = (".stl", ".obj", ".ply")
 MAX_TRIANGLES = 50_000
+"""A surface of more is simplified to as many: they are a millimetre wide on the largest body, the tetrahedra five."""
+MAX_GIVEN_TRIANGLES = 2_000_000
 WIDTH_RANGE_MM = (20.0, 200.0)
 """Along x and y: at least the middle of the view, from which targets are drawn, at most the plate."""
 HEIGHT_RANGE_MM = (5.0, 80.0)
@@ -36,7 +38,7 @@ _MAX_BYTES = 100 * 2**20
 _EDGE_FRACTION = 0.025
 """Edges of the tetrahedra over the diagonal of the body's box: 4 mm for 110x110x28 mm, about 5 000 vertices."""
 _ENVELOPE_FRACTION = 1e-3
-"""Largest distance of the new surface from the given one over that diagonal."""
+"""Largest distance of a new surface, the mesher's or a simplified one, from the one before over that diagonal."""
 _STOP_ENERGY = 50.0
 """Energy at which fTetWild stops improving: the lattice carries the mechanics, so the tetrahedra may be irregular."""
 _FILLER = """
@@ -54,14 +56,16 @@ _CROSSING_TOLERANCE_MM = 1e-4
 def load_phantom(path: Path | str) -> TissueMesh:
     """Read a closed surface and fill it; on one machine, equal files make equal solids (`solid_store`).
 
+    A surface of more than `MAX_TRIANGLES` triangles is simplified, and a `LaploopNote` says so.
+
     Args:
         path: A `.stl`, `.obj` or `.ply` file in millimetres, z up.
 
     Raises:
         MissingFileError: If there is no such file.
         InvalidValueError: If it cannot be read, is not one closed, oriented surface without self-intersections, has more than
-            `MAX_TRIANGLES` triangles, or is not of a size within `WIDTH_RANGE_MM` and `HEIGHT_RANGE_MM`; or if the extra
-            `mesh` is not installed.
+            `MAX_GIVEN_TRIANGLES` triangles, cannot be simplified well enough, or is not of a size within `WIDTH_RANGE_MM` and
+            `HEIGHT_RANGE_MM`; or if the extra `mesh` is not installed.
     """
     found = _existing(path).resolve()
     stat = found.stat()
@@ -109,9 +113,13 @@ def checked_surface(path: Path) -> tuple[Array, NDArray[np.int32]]:
     """Read and check a surface, as `load_phantom`: points (n, 3) in mm and triangles (m, 3), anticlockwise from outside."""
     surface = _read(_existing(path))
     name = f"phantom {path.name}"
-    points, triangles = np.array(surface.vertices, dtype=np.float64), np.array(surface.faces, dtype=np.int32)
-    _check_size(name, points, triangles)
+    _check_size(name, *_arrays(surface))
     _check_closed(name, surface)
+    if len(surface.faces) > MAX_TRIANGLES:
+        surface = _simplified(name, surface)
+        name = f"simplified {name}"
+        _check_closed(name, surface)
+    points, triangles = _arrays(surface)
     crossing = crossing_triangles(points, triangles, tolerance=_CROSSING_TOLERANCE_MM)
     if crossing is not None:
         where = points[triangles[crossing[0]]].mean(axis=0).round(1).tolist()
@@ -119,6 +127,29 @@ def checked_surface(path: Path) -> tuple[Array, NDArray[np.int32]]:
             name, f"self-intersecting near {where} mm", "a surface that does not cross itself; repair it first"
         )
     return points, triangles if _volume(points[triangles]) > 0.0 else triangles[:, ::-1].copy()
+
+
+def _arrays(surface: Any) -> tuple[Array, NDArray[np.int32]]:
+    return np.array(surface.vertices, dtype=np.float64), np.array(surface.faces, dtype=np.int32)
+
+
+def _simplified(name: str, surface: Any) -> Any:
+    """Return a surface of `MAX_TRIANGLES`, not farther from the given one than the mesher may go, and say what was done."""
+    from laploop.assets.phantom_import.simplification import deviation, with_fewer_triangles
+
+    simpler = with_fewer_triangles(surface, MAX_TRIANGLES)
+    remedy = "simplify it first"
+    if len(simpler.faces) > MAX_TRIANGLES:
+        raise InvalidValueError(
+            f"number of triangles of simplified {name}", len(simpler.faces), f"at most {MAX_TRIANGLES}; {remedy}"
+        )
+    apart, limit = deviation(surface, simpler), _ENVELOPE_FRACTION * float(surface.scale)
+    if not apart <= limit:
+        allowed = f"at most {limit:.2g} mm, a thousandth of its diagonal; {remedy}"
+        raise InvalidValueError(f"distance of {name} from itself with {MAX_TRIANGLES} triangles", f"{apart:.2g} mm", allowed)
+    message = f"{name} was simplified from {len(surface.faces)} to {len(simpler.faces)} triangles, at most {apart:.2g} mm away"
+    warnings.warn(message, LaploopNote, stacklevel=2)
+    return simpler
 
 
 def _existing(path: Path | str) -> Path:
@@ -129,7 +160,9 @@ def _existing(path: Path | str) -> Path:
 
 def _read(path: Path) -> Any:
     try:
-        import pytetwild  # noqa: F401  needed later; if missing, better said before the long checks
+        # The first two are needed later; if missing, better said before the long checks.
+        import fast_simplification  # noqa: F401
+        import pytetwild  # noqa: F401
         import trimesh
     except ImportError as error:
         raise InvalidValueError(
@@ -152,9 +185,9 @@ def _read(path: Path) -> Any:
 
 
 def _check_size(name: str, points: Array, triangles: NDArray[np.int32]) -> None:
-    if not 4 <= len(triangles) <= MAX_TRIANGLES:
-        remedy = "; simplify it first" if len(triangles) > MAX_TRIANGLES else ""
-        raise InvalidValueError(f"number of triangles of {name}", len(triangles), f"4 to {MAX_TRIANGLES}{remedy}")
+    if not 4 <= len(triangles) <= MAX_GIVEN_TRIANGLES:
+        remedy = "; simplify it first" if len(triangles) > MAX_GIVEN_TRIANGLES else ""
+        raise InvalidValueError(f"number of triangles of {name}", len(triangles), f"4 to {MAX_GIVEN_TRIANGLES}{remedy}")
     if not np.isfinite(points).all():
         raise InvalidValueError(name, "a mesh with NaN or infinity", "finite millimetres")
     size = np.ptp(points[np.unique(triangles)], axis=0)

@@ -1,4 +1,4 @@
-"""Every error that laploop raises on purpose.
+"""Every error that laploop raises on purpose, and what it has to say where work goes on.
 
 Each class is a `LaploopError` and also the built-in that fits it, so that callers may catch either. A message says what was
 wrong, the offending value, and what is allowed.
@@ -87,6 +87,10 @@ class WorkerError(LaploopError, RuntimeError):
 
 class InfeasibleError(LaploopError, RuntimeError):
     """A control problem without a solution inside the limits."""
+
+
+class LaploopNote(UserWarning):
+    """Something done on the user's behalf that the user should know of."""
 
 
 def check_file(what: str, path: Path | str, remedy: str) -> Path:

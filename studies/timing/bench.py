@@ -1,255 +1,47 @@
-"""How long every stage of the loop takes on this machine."""
+"""How long everything takes on this machine: every stage alone, and whole steps, resets and episodes."""
 
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from collections.abc import Callable
+from contextlib import ExitStack
 
-import numpy as np
-
-from laploop.assets.scope_optics import ScopeOptics
-from laploop.configuration import Field, configuration
-from laploop.control.arm.rcm_controller import RcmController
-from laploop.control.controllers.reach import ReachController
-from laploop.envs.episode import run_episode
-from laploop.envs.episode_config import EpisodeConfig
-from laploop.envs.recording.recorder import ARM_NAMES, DepthRecord, FrameRecord, TickRecord
-from laploop.envs.sensors.object_id import ObjectId
-from laploop.envs.sensors.reference.camera import ReferenceCamera, lateral_mount
-from laploop.envs.sensors.reference.optics import ReferenceOptics
-from laploop.envs.sensors.stripe_camera import StripeCamera
-from laploop.envs.sensors.stripe_capture import StripeCapture
-from laploop.envs.tasks.configs import ReachConfig
-from laploop.envs.tasks.reach import ReachEnv
-from laploop.envs.theatre.theatre import Theatre
-from laploop.errors import SimulationError
-from laploop.perception.estimators.oracle import OracleEstimator
-from laploop.perception.estimators.registry import check_estimator, make_estimator
-from laploop.perception.geometry import Rig, invert_transform
-from laploop.perception.messages import DepthFrame, StripeFrame
-from laploop.perception.reprojection import reproject
-from laploop.studies.timing.bench_result import BenchResult, Stage
+from laploop.studies.timing.bench_config import BenchConfig
+from laploop.studies.timing.bench_result import BenchResult
+from laploop.studies.timing.fetch_comparison import compare_with_fetch
 from laploop.studies.timing.machine import describe_machine
-from laploop.studies.timing.tick_times import kinematics_beside, tracking_tick_times
-
-_WARM_UP_CALLS = 10
-_PRESS_TICKS, _PRESS_MPS = 25, 0.005
-"""The tip presses 1 mm deeper before physics in contact is measured: 25 control periods of 8 ms at 5 mm/s."""
-_MOST_EPISODES = 50
-_TOUCH_N = 0.01
-_REFERENCE_CALLS = 10
-"""Calls of the reference camera and of the reprojection, which take a thousand times as long as other stages."""
-
-
-@configuration
-class BenchConfig:
-    """What to measure."""
-
-    calls: Annotated[int, Field(ge=20, le=100_000)] = 250
-    """Minimum number of calls of every stage; ten of the reference camera's."""
-    seed: Annotated[int, Field(ge=0, lt=2**31 - 1000)] = 0
-    """Seed of the first theatre; each further episode takes the next."""
-    episodes: Annotated[int, Field(ge=1, le=1000)] = 3
-    """Whole episodes without a recording, each with the next seed."""
-    estimators: tuple[str, ...] = ("oracle", "phase", "compact")
-    """Estimators whose time for a frame is measured."""
-    perception: str = "compact"
-    """Estimator of the whole episodes."""
-    seconds: Annotated[float, Field(gt=0.0, le=3600.0)] = 10.0
-    """Simulated time after which an unsolved episode ends."""
-
-    def __post_init__(self) -> None:
-        for name in (self.perception, *self.estimators):
-            check_estimator(name)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Touch:
-    """A theatre at the end of an episode, the tip on the tissue, and the durations of its control ticks."""
-
-    env: ReachEnv
-    rcm: RcmController
-    """Where the tool's joint references are."""
-    targeting_s: list[float]
-    inverse_kinematics_s: list[float]
+from laploop.studies.timing.probe_process import checkout_source, start_fetch, start_probe, this_source
+from laploop.studies.timing.rows import measure_memory, measure_rows
+from laploop.studies.timing.stage_times import stage_times
 
 
 def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = None) -> BenchResult:
-    """Measure every stage alone, then the whole loop; `progress` is called with the fraction done, 0 to 1.
+    """Measure every stage alone, then whole steps, resets and episodes; `progress` is called with the fraction done, 0 to 1.
+
+    The latter run in processes of their own, so that another checkout, or Fetch, can be measured in turns with this one.
 
     Raises:
+        InvalidValueError: If `against` is no folder.
+        MissingFileError: If it is no checkout of the project, or there is no interpreter at `fetch`.
+        WorkerError: If a process cannot be started, or fails.
         SimulationError: If no episode brings the tip onto the tissue.
     """
     report = progress or (lambda _fraction: None)
     report(0.0)
     machine = describe_machine()
-    rig = Rig.from_optics(ScopeOptics())
-    estimators = {name: make_estimator(name, rig) for name in config.estimators}
-    touch = _reach_the_tissue(config)
-    report(0.2)
-    tracking, alone = tracking_tick_times(seed=config.seed, seconds=config.seconds)
-    report(0.3)
-    env = touch.env
-    theatre = env.loop.theatre
-    stages = [
-        Stage.of("physics step, free", _time(Theatre(theatre.config, theatre.rates, seed=config.seed).step, config.calls)),
-        Stage.of("physics step, in contact", _contact_physics(touch, config.calls)),
-        Stage.of("kinematics refresh", _time(theatre.refresh, config.calls)),
-        Stage.of("control tick", np.add(touch.targeting_s, touch.inverse_kinematics_s)),
-        Stage.of("control tick: targeting", touch.targeting_s),
-        Stage.of("control tick: inverse kinematics", touch.inverse_kinematics_s),
-        Stage.of("control tick: prediction", tracking.whole),
-        Stage.of("control tick: kinematics, QP, prediction", tracking.core),
-        Stage.of("control tick alone: prediction", alone.whole),
-        Stage.of("control tick alone: kinematics, QP, prediction", alone.core),
-    ]
-    camera = StripeCamera(env.loop.rig, env.config.loop.optics, device=env.config.loop.device)
-    camera.attach(theatre.model, tissue=theatre.tissue)
-    rng = np.random.default_rng(config.seed)
-    pose = theatre.world_from_camera()
-    stages.append(Stage.of("stripe frame", _time(lambda: camera.capture(theatre.data, pose, rng), config.calls)))
-    report(0.5)
-    capture = camera.capture(theatre.data, pose, rng)
-    for name, estimator in estimators.items():
-        if isinstance(estimator, OracleEstimator):
-            estimator.see_truth(capture.depth_mm)
-        stages.append(Stage.of(f"depth: {name}", _time(partial(estimator.estimate, capture.image), config.calls)))
-    report(0.65)
-    stages += _reference_stages(theatre, env.loop.rig, rng)
-    report(0.7)
-    stages.append(Stage.of("recorder frame", _recorder_times(env, capture, config.calls)))
-    env.close()
-    episodes: list[Mapping[str, Any]] = []
-    for number in range(config.episodes):
-        report(0.75 + 0.25 * number / config.episodes)
-        episode = EpisodeConfig.of(perception=config.perception, seed=config.seed + number, seconds=config.seconds)
-        episodes.append({"seed": episode.seed, **run_episode(episode)})
-    report(1.0)
-    return BenchResult(machine=machine, stages=tuple(stages), episodes=tuple(episodes))
-
-
-def _reach_the_tissue(config: BenchConfig) -> _Touch:
-    """Run episodes with exact depth until there are enough control ticks; return the last one, which ended in a touch."""
-    targeting: list[float] = []
-    kinematics: list[float] = []
-    for number in range(_MOST_EPISODES):
-        env = ReachEnv(ReachConfig(max_seconds=config.seconds), perception="oracle")
-        controller = ReachController(env.loop.rig)
-        env.reset(seed=config.seed + number)
-        rcm = kinematics_beside(env)
-        terminated = truncated = False
-        info: dict[str, Any] = {}
-        while not (terminated or truncated):
-            velocity = _timed(targeting, controller.command, env.control_input())
-            rotation = env.loop.theatre.world_from_camera()[:3, :3]
-            _timed(kinematics, rcm.step, rotation @ velocity, env.config.loop.control_s)
-            _, _, terminated, truncated, info = env.step(velocity.astype(np.float32))
-        if info["success"] and len(targeting) >= config.calls:
-            return _Touch(env=env, rcm=rcm, targeting_s=targeting, inverse_kinematics_s=kinematics)
-        env.close()
-    raise SimulationError(f"no success in {_MOST_EPISODES} episodes with exact depth; there is nothing to measure contact on")
-
-
-def _contact_physics(touch: _Touch, calls: int) -> list[float]:
-    """Press the tip into the tissue, and time the physics steps in contact."""
-    loop = touch.env.loop
-    theatre, arm = loop.theatre, loop.theatre.tool_arm
-    for _ in range(_PRESS_TICKS):
-        q, qdot = touch.rcm.step([0.0, 0.0, -_PRESS_MPS], loop.config.control_s)
-        theatre.set_joint_targets(arm, q, qdot)
-        for _ in range(loop.config.physics_steps_per_control):
-            theatre.step()
-    theatre.set_joint_targets(arm, touch.rcm.q)
-    seconds: list[float] = []
-    for _ in range(10 * calls):
-        _timed(seconds, theatre.step)
-        if np.linalg.norm(theatre.contact_force_in_world()) < _TOUCH_N:
-            seconds.pop()
-        if len(seconds) == calls:
-            theatre.refresh()
-            return seconds
-    raise SimulationError(f"the tip lost the tissue: {len(seconds)} of {10 * calls} physics steps were in contact")
-
-
-def _reference_stages(theatre: Theatre, rig: Rig, rng: np.random.Generator) -> list[Stage]:
-    """Time the reference camera at 2x2 sampling, and the reprojection of all its points at full sampling."""
-    world_from_scope = theatre.world_from_camera()
-    # Aimed at the point 90 mm in front of the scope.
-    world_from_reference = lateral_mount(world_from_scope[:3, 3] + 0.09 * world_from_scope[:3, 2])
-    coarse = ReferenceCamera(ReferenceOptics(sampling="2x2"))
-    coarse.attach(theatre.model, tissue=theatre.tissue)
-    captured = _time(lambda: coarse.capture(theatre.data, world_from_reference, rng), _REFERENCE_CALLS, warm_up=1)
-    full = ReferenceCamera(ReferenceOptics(sampling="full"))
-    full.attach(theatre.model, tissue=theatre.tissue)
-    cloud = full.capture(theatre.data, world_from_reference, rng).xyz
-    scope_from_reference = invert_transform(world_from_scope) @ world_from_reference
-    projected = _time(lambda: reproject(cloud, scope_from_reference, rig.camera), _REFERENCE_CALLS, warm_up=1)
-    return [Stage.of("reference capture, 2x2", captured), Stage.of("reprojection, full cloud", projected)]
-
-
-def _recorder_times(env: ReachEnv, capture: StripeCapture, calls: int) -> list[float]:
-    """Time the Rerun recorder's work of a camera period: a frame, a depth frame, and the control ticks in between."""
-    from laploop.envs.recording.rerun_recorder import RerunRecorder  # slow to import
-
-    rates, theatre = env.loop.config, env.loop.theatre
-    pose, target = theatre.world_from_camera(), env.target_in_world()
-    oracle = OracleEstimator(env.loop.rig)
-    oracle.see_truth(capture.depth_mm)
-    estimate = oracle.estimate(capture.image)
-    seconds: list[float] = []
-    with TemporaryDirectory() as folder, RerunRecorder(Path(folder) / "bench.rrd") as recorder:
-        recorder.begin(theatre, env.loop.rig)
-        for index in range(calls):
-            now_ns = index * rates.camera_ns
-            times: dict[str, Any] = {"index": index, "captured_ns": now_ns, "available_ns": now_ns, "world_from_camera": pose}
-            frame = FrameRecord(
-                now_ns=now_ns,
-                frame=StripeFrame(image=capture.image, **times),
-                exact_depth_mm=capture.depth_mm,
-                object_id=capture.object_id,
-            )
-            depth = DepthRecord(
-                now_ns=now_ns,
-                depth=DepthFrame(estimate=estimate, **times),
-                stripes=capture.image,
-                exact_depth_mm=capture.depth_mm,
-                tissue=capture.object_id == ObjectId.TISSUE,
-            )
-            ticks = [
-                TickRecord(
-                    now_ns=now_ns + number * rates.control_ns,
-                    target_error_mm=1.0,
-                    target_in_world=target,
-                    rcm_error_mm=dict.fromkeys(ARM_NAMES, 0.0),
-                    contact_force_n=0.0,
-                    depth_age_ms=40.0,
-                    stage_ms={"physics": 1.0, "control": 1.0},
-                )
-                for number in range(rates.camera_ns // rates.control_ns)
-            ]
-            begin = time.perf_counter()
-            recorder.frame(frame)
-            recorder.depth(depth)
-            for tick in ticks:
-                recorder.tick(tick)
-            seconds.append(time.perf_counter() - begin)
-    return seconds
-
-
-def _time(call: Callable[[], object], calls: int, warm_up: int = _WARM_UP_CALLS) -> list[float]:
-    for _ in range(warm_up):
-        call()
-    seconds: list[float] = []
-    for _ in range(calls):
-        _timed(seconds, call)
-    return seconds
-
-
-def _timed(seconds: list[float], call: Callable[..., Any], *arguments: Any) -> Any:
-    begin = time.perf_counter()
-    result = call(*arguments)
-    seconds.append(time.perf_counter() - begin)
-    return result
+    other_source = None if config.against is None else checkout_source(config.against)
+    with ExitStack() as stack:
+        # What cannot be measured is found before any of the work.
+        fetch = None if config.fetch is None else stack.enter_context(start_fetch(config.fetch))
+        other = None if other_source is None else stack.enter_context(start_probe(other_source, "the other checkout"))
+        this = stack.enter_context(start_probe(this_source(), "this checkout"))
+        stages = stage_times(config, lambda done: report(0.25 * done))
+        results = measure_rows(config, this, other, lambda done: report(0.25 + 0.6 * done))
+        if fetch is not None:
+            beside = stack.enter_context(start_probe(this_source(), "this checkout"))
+            compared = compare_with_fetch(fetch, (this, beside), seed=config.seed, steps=config.steps, rounds=config.rounds)
+    report(0.9)
+    results += measure_memory(config, this_source(), other_source, lambda done: report(0.9 + 0.1 * done))
+    return BenchResult(
+        machine=machine,
+        stages=tuple(stages),
+        rows=tuple(results),
+        fetch=None if fetch is None else compared,
+    )

@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.studies.csv_text import csv_text
+from laploop.studies.timing.fetch_comparison import fetch_sentence
+from laploop.studies.timing.row_tables import ratios_markdown, row_medians, row_ratios, rows_markdown
+from laploop.studies.timing.rows import RowResult
 
 LIMITS_MS: Mapping[str, float] = {
     "stripe frame": 20.0,
@@ -65,13 +68,31 @@ class BenchResult:
     machine: Mapping[str, Any]
     """As `describe_machine` returned it before the measurement."""
     stages: tuple[Stage, ...]
-    episodes: tuple[Mapping[str, Any], ...]
-    """Summaries of the whole episodes."""
+    rows: tuple[RowResult, ...]
+    """Steps, resets, episodes and the like, and those of the other checkout where there was one."""
+    fetch: Mapping[str, Any] | None
+    """As `compare_with_fetch` returned it, if it was asked for."""
+
+    @property
+    def episodes(self) -> list[dict[str, Any]]:
+        """Summaries of the whole episodes of the first fidelity."""
+        first = next(result for result in self.rows if result.row.measure == "episodes")
+        return [sample["summary"] for sample in first.samples]
+
+    @property
+    def against(self) -> dict[str, Any] | None:
+        """The ratios of this checkout to the other, if there was one, as `row_ratios` returns them."""
+        return {"machine": dict(self.machine), **row_ratios(self.rows)} if self.rows[0].others else None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data: `machine`, `stages`, `loop` (real-time factor, median time of each stage), `episodes`."""
+        """Return plain data.
+
+        `machine`, `stages`, `loop` (real-time factor, median time of each stage) and `episodes`, both of the first fidelity,
+        and whatever `row_medians` returns.
+        """
         factors = [episode["real_time_factor"] for episode in self.episodes]
         return {
+            **row_medians(self.rows),
             "machine": dict(self.machine),
             "stages": [asdict(stage) for stage in self.stages],
             "loop": {
@@ -82,7 +103,7 @@ class BenchResult:
                     for stage in self.episodes[0]["stage_ms"]
                 },
             },
-            "episodes": list(self.episodes),
+            "episodes": self.episodes,
         }
 
 
@@ -116,4 +137,7 @@ def as_markdown(result: BenchResult) -> str:
             f"{factor['max']:.2f} in {len(result.episodes)} episodes; target: {LIMIT_REAL_TIME_FACTOR:g})."
         ),
     ]
-    return "\n".join(lines) + "\n"
+    text = "\n".join([*lines, "", rows_markdown(result.rows)])
+    if result.against is not None:
+        text += f"\nIn turns with another checkout:\n\n{ratios_markdown(result.rows)}"
+    return text + ("" if result.fetch is None else f"\n{fetch_sentence(result.fetch)}\n")

@@ -1,12 +1,13 @@
 import os
 import subprocess
 import sys
+import warnings
 from importlib.metadata import version
 
 import pytest
 
 from laploop.cli.main import COMMANDS, main
-from laploop.errors import InvalidValueError, LaploopError, OutputError, SimulationError, WorkerError
+from laploop.errors import InvalidValueError, LaploopError, LaploopNote, OutputError, SimulationError, WorkerError
 
 
 def install(monkeypatch, behaviour):
@@ -41,6 +42,21 @@ def test_help_imports_nothing_heavy():
 def test_version_is_that_of_the_package(capsys):
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"laploop {version('laploop')}\n"
+
+
+def test_a_note_of_the_library_is_one_line_on_the_error_stream(monkeypatch, capsys):
+    def behaviour(_arguments):
+        warnings.warn("the phantom was simplified", LaploopNote, stacklevel=2)
+        return 0
+
+    install(monkeypatch, behaviour)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always")
+        show = warnings.showwarning
+        assert main(["fake"]) == 0
+        assert warnings.showwarning is show
+    captured = capsys.readouterr()
+    assert (captured.out, captured.err) == ("", "laploop fake: the phantom was simplified\n")
 
 
 def test_no_command_shows_the_help_and_is_bad_input(capsys):

@@ -10,7 +10,7 @@ import trimesh
 from laploop.assets.phantom_import import phantom_mesh
 from laploop.assets.phantom_import.phantom_mesh import checked_surface, load_phantom
 from laploop.assets.tissue_mesh import mean_top_height
-from laploop.errors import InvalidValueError, MissingFileError
+from laploop.errors import InvalidValueError, LaploopNote, MissingFileError
 
 
 def box(x=60.0, y=50.0, z=20.0, at=(0.0, 0.0, 0.0)):
@@ -169,9 +169,45 @@ def test_unfit_surface_is_refused_with_the_reason(tmp_path, make, message):
         checked_surface(saved(make(), tmp_path, "ply"))
 
 
-def test_too_many_triangles_are_refused(tmp_path, monkeypatch):
+def test_far_too_many_triangles_are_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(phantom_mesh, "MAX_GIVEN_TRIANGLES", 100)
+    with pytest.raises(
+        InvalidValueError, match=r"number of triangles of phantom body\.stl is 1280; allowed: 4 to 100; simplify"
+    ):
+        checked_surface(saved(dome(), tmp_path))
+
+
+def test_too_fine_a_surface_is_simplified_and_the_user_told(tmp_path, monkeypatch):
+    monkeypatch.setattr(phantom_mesh, "MAX_TRIANGLES", 5000)
+    mesh = dome().subdivide().subdivide()
+    said = r"phantom body\.stl was simplified from 20480 to 5000 triangles, at most 0\.0\d+ mm away"
+    with pytest.warns(LaploopNote, match=said):
+        points, triangles = checked_surface(saved(mesh, tmp_path))
+    assert len(triangles) == 5000
+    # As any other surface: closed and turned outwards; it encloses what the given one did.
+    simpler = trimesh.Trimesh(points, triangles, process=False)
+    assert simpler.is_watertight
+    assert simpler.volume == pytest.approx(mesh.volume, rel=1e-3)
+
+
+def test_what_simplifying_would_change_too_much_is_refused(tmp_path, monkeypatch):
+    # Few triangles for a round dome.
+    monkeypatch.setattr(phantom_mesh, "MAX_TRIANGLES", 80)
+    message = r"distance of phantom body\.stl from itself with 80 triangles is '\S+ mm'; allowed: at most 0\.12 mm"
+    with pytest.raises(InvalidValueError, match=message):
+        checked_surface(saved(dome(), tmp_path))
+    monkeypatch.setattr(phantom_mesh, "MAX_TRIANGLES", 40)
+    with pytest.raises(InvalidValueError, match=r"triangles of simplified phantom body\.stl is \d+; allowed: at most 40"):
+        checked_surface(saved(dome(), tmp_path))
+
+
+def test_a_simplified_surface_is_checked_like_any_other(tmp_path, monkeypatch):
     monkeypatch.setattr(phantom_mesh, "MAX_TRIANGLES", 100)
-    with pytest.raises(InvalidValueError, match=r"number of triangles of phantom body\.stl is 1280; allowed: 4 to 100"):
+    monkeypatch.setattr(phantom_mesh, "_simplified", lambda _name, _surface: spiked_box())
+    with pytest.raises(InvalidValueError, match=r"simplified phantom body\.stl is 'self-intersecting near"):
+        checked_surface(saved(dome(), tmp_path))
+    monkeypatch.setattr(phantom_mesh, "_simplified", lambda _name, _surface: open_box())
+    with pytest.raises(InvalidValueError, match=r"edges of simplified phantom body\.stl is 3"):
         checked_surface(saved(dome(), tmp_path))
 
 
@@ -230,15 +266,16 @@ def test_file_of_gigabytes_is_refused_unread(tmp_path):
         load_phantom(tmp_path / "huge.stl")
 
 
-def test_missing_extra_is_named_with_the_way_to_get_it(tmp_path, monkeypatch):
+@pytest.mark.parametrize("package", ["pytetwild", "fast_simplification"])
+def test_missing_extra_is_named_with_the_way_to_get_it(tmp_path, monkeypatch, package):
     real = builtins.__import__
 
     def without_mesher(name, *args, **kwargs):
-        if name == "pytetwild":
-            raise ModuleNotFoundError("No module named 'pytetwild'", name="pytetwild")
+        if name == package:
+            raise ModuleNotFoundError(f"No module named '{package}'", name=package)
         return real(name, *args, **kwargs)
 
     path = saved(box(), tmp_path)
     monkeypatch.setattr(builtins, "__import__", without_mesher)
-    with pytest.raises(InvalidValueError, match=r"pytetwild.*pip install 'laploop\[mesh\]'"):
+    with pytest.raises(InvalidValueError, match=rf"{package}.*pip install 'laploop\[mesh\]'"):
         checked_surface(path)

@@ -1,5 +1,6 @@
 import csv
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,8 +8,8 @@ import pytest
 from laploop.cli.main import main
 from laploop.envs.episode import EpisodeConfig
 from laploop.errors import InvalidValueError, UnknownNameError
-from laploop.studies.timing import bench
-from laploop.studies.timing.bench import BenchConfig
+from laploop.studies.timing import stage_times
+from laploop.studies.timing.bench_config import BenchConfig
 from laploop.studies.timing.bench_result import Stage
 from laploop.studies.timing.machine import describe_machine
 
@@ -44,10 +45,17 @@ def test_a_limit_of_the_slowest_hundredth_is_told_apart_from_one_of_the_median()
     assert (stage.limit_ms, stage.limit_p99_ms) == (None, 1.2)
 
 
-@pytest.mark.parametrize("wrong", [{"calls": 1}, {"episodes": 0}, {"seconds": 0.0}])
+@pytest.mark.parametrize("wrong", [{"calls": 1}, {"episodes": 0}, {"seconds": 0.0}, {"rounds": 0}, {"steps": 0}])
 def test_numbers_out_of_range_are_refused(wrong):
     with pytest.raises(InvalidValueError, match=next(iter(wrong))):
         BenchConfig(**wrong)
+
+
+def test_fidelities_and_observations_are_chosen_among_what_there_is():
+    with pytest.raises(InvalidValueError, match="fidelities"):
+        BenchConfig(fidelities=())
+    with pytest.raises(InvalidValueError, match=r"observations.*state, stripes, depth_oracle, depth_compact"):
+        BenchConfig(observations=("smell",))
 
 
 def test_unknown_estimator_is_refused():
@@ -71,22 +79,51 @@ def test_machine_is_described_without_names_of_hosts_or_users():
     assert 1 <= machine["usable_cores"] <= machine["logical_cores"]
 
 
-def test_command_measures_every_stage_and_the_loop(tmp_path, monkeypatch):
+def test_bad_paths_are_refused_before_any_work(tmp_path, capsys):
+    out = tmp_path / "out"
+    for option, path, message in (
+        ("--against", tmp_path / "nowhere", "allowed: the folder of another checkout of the project"),
+        ("--against", tmp_path, "give the top folder of a checkout of the project"),
+        ("--fetch", tmp_path / "python", "give the bin/python of an environment with gymnasium-robotics"),
+    ):
+        assert main(["bench", option, str(path), "--out", str(out)]) == 2
+        assert message in capsys.readouterr().err
+        assert not out.exists()
+
+
+def test_command_measures_every_stage_and_the_loop_beside_another_checkout(tmp_path, monkeypatch):
     # A second a call each.
-    monkeypatch.setattr(bench, "_REFERENCE_CALLS", 2)
+    monkeypatch.setattr(stage_times, "_REFERENCE_CALLS", 2)
     arguments = ["bench", "--calls", "20", "--episodes", "1", "--estimators", "oracle", "phase", "--perception", "oracle"]
+    arguments += ["--rounds", "1", "--steps", "2", "--fidelities", "full", "--observations", "state"]
+    # This very checkout is as good as another.
+    arguments += ["--against", str(Path(__file__).parents[3])]
     assert main([*arguments, "--seconds", "3", "--out", str(tmp_path / "out")]) == 0
     out = tmp_path / "out"
-    assert sorted(path.name for path in out.iterdir()) == ["bench.csv", "bench.json", "bench.md", "summary.json"]
+    names = ["against.json", "bench.csv", "bench.json", "bench.md", "summary.json"]
+    assert sorted(path.name for path in out.iterdir()) == names
     written = json.loads((out / "bench.json").read_text())
     assert {stage["name"] for stage in written["stages"]} == STAGES
     assert all(stage["calls"] >= (2 if stage["name"] in SLOW_STAGES else 20) for stage in written["stages"])
     assert all(0.0 < stage["p5_ms"] <= stage["p50_ms"] <= stage["p99_ms"] for stage in written["stages"])
-    assert written["loop"]["real_time_factor"]["median"] > 0.0
+    assert written["loop"]["real_time_factor"]["median"] == written["real_time_factor"]["full"] > 0.0
     assert written["episodes"][0]["seed"] == EpisodeConfig().seed
     assert written["machine"]["usable_cores"] >= 1
+    per_second = written["env_steps_per_s"]["full"]["state"]["single"]
+    assert sum(written["step_ms"]["full"]["state"].values()) == pytest.approx(1e3 / per_second)
+    assert set(written["reset_ms"]["full"]) == {"new", "cached"}
+    assert written["memory_mb"]["full"] > 100.0
+    against = json.loads((out / "against.json").read_text())
+    for key in ("env_steps_per_s", "real_time_factor", "reset_ms", "physics_ms", "capture_ms", "memory_mb"):
+        leaf = against[key]["full"]
+        while "ratio" not in leaf:
+            leaf = next(iter(leaf.values()))
+        # The same on both sides, but for the load of the machine.
+        assert 0.1 < leaf["ratio"] < 10.0
+        assert leaf["other_fidelity"] == "full"
     with (out / "bench.csv").open(newline="") as stream:
         assert {row["name"] for row in csv.DictReader(stream)} == STAGES
     markdown = (out / "bench.md").read_text()
     assert "| stripe frame | 20 |" in markdown
     assert "of real time without a recording" in markdown
+    assert "In turns with another checkout" in markdown
