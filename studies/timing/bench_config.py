@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Annotated, Literal, get_args
 
 from laploop.configuration import Field, configuration
+from laploop.envs.fidelity import FidelityName
 from laploop.perception.estimators.registry import check_estimator
 
-FidelityName = Literal["full", "fast"]
 ObservationName = Literal["state", "stripes", "depth_oracle", "depth_compact"]
 """What an environment observes; behind `depth`, which estimator makes it."""
 

@@ -79,8 +79,8 @@ def _took(work: Callable[[], object], units: float) -> Sample:
 
 def _reach(fidelity: str, **changes: Any) -> ReachConfig:
     """Return a reach that does not end by itself."""
-    config: Any = ReachConfig(max_seconds=_ENDLESS_S, success_hold_s=_ENDLESS_S, **changes)
-    return config if with_fidelity is None else with_fidelity(config, fidelity)  # type: ignore[return-value]
+    config = ReachConfig(max_seconds=_ENDLESS_S, success_hold_s=_ENDLESS_S, **changes)
+    return config if with_fidelity is None else with_fidelity(config, fidelity)
 
 
 def _environment(fidelity: str, observation: str) -> ReachEnv:

@@ -54,7 +54,7 @@ def test_numbers_out_of_range_are_refused(wrong):
 def test_fidelities_and_observations_are_chosen_among_what_there_is():
     with pytest.raises(InvalidValueError, match="fidelities"):
         BenchConfig(fidelities=())
-    with pytest.raises(InvalidValueError, match=r"observations.*state, stripes, depth_oracle, depth_compact"):
+    with pytest.raises(UnknownNameError, match=r"observations.*depth_compact, depth_oracle, state, stripes"):
         BenchConfig(observations=("smell",))
 
 
