@@ -114,7 +114,7 @@ class ApproachController(TaskController[ApproachConfigT]):
 
     def command(self, state: ControlInput) -> Array:
         """Return the desired tip velocity (3,) in m/s in the camera's frame."""
-        self._elapsed = elapsed = self._elapsed_s(state)
+        elapsed = self._elapsed_s(state)
         self._target = self._aim(state)
         way = self._advance(state, self._target)
         if not isinstance(way, ApproachGeometry):

@@ -1,9 +1,6 @@
 """The scripted reach: to the surface, and a light touch that follows it."""
 
-import math
 from typing import Annotated
-
-import numpy as np
 
 from laploop.arrays import Array
 from laploop.configuration import Field, configuration
@@ -11,6 +8,7 @@ from laploop.control.controllers.admittance import Admittance, AdmittanceConfig
 from laploop.control.controllers.approach_geometry import ApproachGeometry
 from laploop.control.controllers.phase import Phase
 from laploop.control.controllers.touch import TouchController, TouchControllerConfig
+from laploop.control.controllers.unsteadiness import Unsteadiness
 from laploop.control.messages import ControlInput
 from laploop.control.targeting.targeting import Target, TargetingConfig
 from laploop.errors import InvalidValueError
@@ -24,13 +22,14 @@ class ReachControllerConfig(TouchControllerConfig):
     """How the target is followed."""
     hold_force_n: Annotated[float, Field(gt=0.0, le=10.0)] = 0.04
     """Force kept up while touching steady tissue."""
-    unsteady_force_ns_m: Annotated[float, Field(ge=0.0, le=1000.0)] = 120.0
-    """Further force per change of the tissue's speed between two depth frames beyond `steady_change_mps`: late depth cannot
-    follow it, and a light touch would be lost. Breathing with a heartbeat of 1 mm comes to about 0.1 N."""
-    steady_change_mps: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0007
-    """Change of speed between two depth frames that the force above bears: that of breathing of 10 mm is 0.0005."""
-    unsteady_s: Annotated[float, Field(gt=0.0, le=60.0)] = 2.0
-    """Time constant with which such a change is forgotten."""
+    unsteady_force_ns_m: Annotated[float, Field(ge=0.0, le=1000.0)] = 180.0
+    """Further force per unsteadiness of the tissue beyond `steady_change_mps`: late depth cannot follow it, and a light touch
+    would be lost. Breathing with a heartbeat of 1 mm comes to about 0.09 N."""
+    steady_change_mps: Annotated[float, Field(ge=0.0, le=1.0)] = 0.00065
+    """Unsteadiness that `hold_force_n` bears: root mean square of how the tissue's speed changes from one depth frame to the
+    next, measurement noise included. Breathing of 10 mm has 0.3 to 0.6 mm/s, with a heartbeat of 1 mm 0.8 to 1."""
+    unsteady_s: Annotated[float, Field(gt=0.0, le=60.0)] = 1.5
+    """Time constant of that mean."""
     max_hold_force_n: Annotated[float, Field(gt=0.0, le=10.0)] = 0.15
     """Greatest force that is kept up."""
     admittance: AdmittanceConfig = Field(default_factory=lambda: AdmittanceConfig(gain_mps_per_n=0.08, integral_per_s=6.0))
@@ -60,19 +59,12 @@ class ReachController(TouchController[ReachControllerConfig]):
     def reset(self) -> None:
         """Forget everything; a new episode begins."""
         super().reset()
-        self._velocity: Array | None = None
-        self._speed_change_mps = 0.0
+        self._unsteadiness = Unsteadiness(self._config.unsteady_s)
 
     def _advance(self, state: ControlInput, target: Target | None) -> Array | ApproachGeometry:
         if target is not None:
-            self._watch_speed(target)
+            self._unsteadiness.add(target.velocity, state.now_ns)
         return super()._advance(state, target)
-
-    def _watch_speed(self, target: Target) -> None:
-        """Keep the greatest change of the tissue's speed, which decays; speeds change when a depth frame has arrived."""
-        change = 0.0 if self._velocity is None else float(np.linalg.norm(target.velocity - self._velocity))
-        self._velocity = target.velocity
-        self._speed_change_mps = max(self._speed_change_mps * math.exp(-self._elapsed / self._config.unsteady_s), change)
 
     def _begin_contact(self, state: ControlInput) -> Phase:  # noqa: ARG002  the base's signature
         self._admittance.reset()
@@ -86,7 +78,7 @@ class ReachController(TouchController[ReachControllerConfig]):
         way = geometry.goal - state.tip_in_camera
         deep = float(way @ normal)
         across = motion.back(way - deep * normal, lead_ns=state.lead_ns)
-        unsteady_mps = max(self._speed_change_mps - config.steady_change_mps, 0.0)
+        unsteady_mps = max(self._unsteadiness.rms_mps - config.steady_change_mps, 0.0)
         wanted = min(config.hold_force_n + config.unsteady_force_ns_m * unsteady_mps, config.max_hold_force_n)
         lift = self._admittance.lift_mps(force - wanted, state.lead_ns, elapsed)
         beyond = deep - config.guarded_move.search_m
