@@ -101,7 +101,7 @@ class RayCamera:
     def exact_view(self, snapshot: SceneSnapshot) -> ExactView:
         """Return the geometry at a moment of the attached scene."""
         self._find_surfaces(snapshot)
-        self._runner.run(self._tracer.trace)
+        self._runner.run(*self._tracer.trace)
         return self._tracer.read()
 
     def _find_surfaces(self, snapshot: SceneSnapshot) -> None:
@@ -109,7 +109,6 @@ class RayCamera:
         scene = self._attached()
         self._tracer.place(snapshot.world_from_camera)
         scene.move(snapshot.points)
-        scene.update_normals()
         self._tracer.find_surfaces()
 
     def _attached(self) -> RayScene:

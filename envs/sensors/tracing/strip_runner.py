@@ -12,6 +12,12 @@ from laploop.errors import InvalidValueError
 
 _PIXEL_STRIPS_PER_THREAD = 4
 _CUDA_ROW_STRIPS = 16
+_CPU_RUN = 256
+
+
+def launch_run(device: Any) -> int:
+    """Return how many elements one of Warp's threads does in a row: on the CPU each thread copies all arguments anew."""
+    return _CPU_RUN if device.is_cpu else 1
 
 
 class StripRunner:
