@@ -70,6 +70,10 @@ class RayCamera:
         self._scene = RayScene(geometry, self._device)
         self._tracer.attach(self._scene)
 
+    def close(self) -> None:
+        """End the threads; the camera stays usable, on one."""
+        self._runner.close()
+
     def exact(self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64]) -> ExactView:
         """Return the geometry of the scene as it is now, without an image.
 
