@@ -85,7 +85,7 @@ class ClosedLoop:
         Raises:
             SimulationError: If no depth frame arrives.
         """
-        self.close()
+        self._end_episode()
         noise_rng, latency_rng, corruption_rng, texture_rng, tool_rng, scope_rng = rng.spawn(6)
         self.timer = StageTimer()
         self.theatre = Theatre(self.config.theatre, self.config, seed=theatre_seed)
@@ -255,7 +255,13 @@ class ClosedLoop:
         )
 
     def close(self) -> None:
-        """End the threads of the running episode, if any."""
+        """End the running episode, if any, and all threads."""
+        self._end_episode()
+        if self._camera is not None:
+            self._camera.close()
+            self._camera = None
+
+    def _end_episode(self) -> None:
         if self._server is not None:
             self._server.close()
             self._server = None
@@ -281,8 +287,9 @@ class ClosedLoop:
         """Return the camera, made in the first episode, as it is at the begin of one and with the theatre before it."""
         optics, theatre = self.config.optics, self.theatre
         if self._camera is None:
-            # One thread: physics and perception have work for the others.
-            self._camera = StripeCamera(self.rig, optics, device=self.config.device, threads=1)
+            # While physics goes on, it has work for the other cores; whoever looks at the image of the moment waits for it.
+            threads = None if self._images_ahead else 1
+            self._camera = StripeCamera(self.rig, optics, device=self.config.device, threads=threads)
         elif self._camera.optics != optics:
             # Exposure control has changed it.
             self._camera.set_optics(optics)

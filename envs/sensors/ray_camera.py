@@ -70,6 +70,10 @@ class RayCamera:
         self._scene = RayScene(geometry, self._device)
         self._tracer.attach(self._scene)
 
+    def close(self) -> None:
+        """End the threads; the camera stays usable, on one."""
+        self._runner.close()
+
     def exact(self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64]) -> ExactView:
         """Return the geometry of the scene as it is now, without an image.
 
@@ -101,7 +105,7 @@ class RayCamera:
     def exact_view(self, snapshot: SceneSnapshot) -> ExactView:
         """Return the geometry at a moment of the attached scene."""
         self._find_surfaces(snapshot)
-        self._runner.run(self._tracer.trace)
+        self._runner.run(*self._tracer.trace)
         return self._tracer.read()
 
     def _find_surfaces(self, snapshot: SceneSnapshot) -> None:
@@ -109,7 +113,6 @@ class RayCamera:
         scene = self._attached()
         self._tracer.place(snapshot.world_from_camera)
         scene.move(snapshot.points)
-        scene.update_normals()
         self._tracer.find_surfaces()
 
     def _attached(self) -> RayScene:

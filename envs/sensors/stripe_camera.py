@@ -87,11 +87,10 @@ class StripeCamera(RayCamera):
             self._tracer.set_rays(distorted_rays(self.rig.camera, optics.distortion))
             self._distortion = optics.distortion
         self._optics = optics
+        tracer, sensor = self._tracer, self._sensor()
         materials: Any = wp.array(optics.material_table, dtype=wp.vec4, device=self._device)
-        tracer = self._tracer
-        inputs = [tracer.rays, tracer.depth, tracer.normals, tracer.projector, tracer.flags, tracer.object_id]
-        sensor = self._sensor()
-        inputs += [tracer.albedo_factor, materials, self._table, self._stack, self._projection(), sensor, self._noise]
+        inputs = [tracer.rays, *tracer.outputs, tracer.projector, materials, self._table, self._stack, self._projection()]
+        inputs += [sensor, self._noise]
         self._shade = tracer.record(shading_kernels.shade, inputs, [self._electrons, self._image])
         self._spreading: list[list[Any]] = []
         self._seen = self._electrons
@@ -123,7 +122,7 @@ class StripeCamera(RayCamera):
             self._noise.zero_()
         else:
             self._noise.assign(rng.standard_normal(self._noise.size, dtype=np.float32))
-        self._runner.run(self._tracer.trace, self._shade)
+        self._runner.run(*self._tracer.trace, self._shade)
         for stage in self._spreading:
             # Each needs the whole result of the one before.
             self._runner.run(stage)
@@ -152,13 +151,9 @@ class StripeCamera(RayCamera):
         ]
 
     def _projection(self) -> Any:
-        """Pack the projector's numbers for the kernels."""
+        """Pack the numbers of the projector's light for the kernels."""
         optics, mask, table = self._optics, self.rig.mask, self._mask
-        projector_from_camera = self.rig.projector_from_camera
         projection = shading_kernels.Projection()
-        projection.rotation = wp.mat33(*projector_from_camera[:3, :3].ravel())
-        projection.offset = wp.vec3(*projector_from_camera[:3, 3])
-        projection.half_height = mask.half_width_tan
         projection.intensity_w_sr = optics.axial_intensity_w_sr(mask)
         projection.led_exponent = optics.led_exponent
         projection.stray_fraction = optics.stray_fraction
@@ -166,8 +161,8 @@ class StripeCamera(RayCamera):
         projection.defocus_slope = optics.projector_aperture_m / 4.0
         projection.inverse_focus = 1.0 / optics.projector_focus_m
         projection.table_start = table.start
-        projection.table_step = table.step
-        projection.table_sigma_step = table.sigma_step
+        projection.columns_per_tan = 1.0 / table.step
+        projection.levels_per_tan = 1.0 / table.sigma_step
         return projection
 
     def _sensor(self) -> Any:
@@ -176,7 +171,7 @@ class StripeCamera(RayCamera):
         sensor = shading_kernels.Sensor()
         sensor.electrons_per_radiance = optics.electrons_per_radiance
         sensor.vignetting_exponent = optics.vignetting_exponent
-        sensor.full_well = optics.full_well_electrons
-        sensor.read_variance = optics.read_noise_electrons**2
         sensor.levels = float(2**optics.bits - 1)
+        sensor.levels_per_electron = sensor.levels / optics.full_well_electrons
+        sensor.read_variance = optics.read_noise_electrons**2
         return sensor

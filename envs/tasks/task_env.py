@@ -282,10 +282,9 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         Raises:
             SimulationError: If there is none yet.
         """
-        captured = self.loop.first_captured
-        if captured is None:
+        if self.loop.first_captured is None:
             raise SimulationError("the first frame is missing")
-        return captured.geometry
+        return self.loop.first_captured.geometry
 
     def set_target(self, target: SurfacePoint, pixel: Array) -> None:
         """Set the target and the pixel (2,) of the first frame that shows it."""
@@ -340,8 +339,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         return None
 
     def _observation(self) -> Observation:
-        mode = self.config.observation_mode
-        served, newest = self.loop.newest_served, self.loop.newest_captured
+        mode, served, newest = self.config.observation_mode, self.loop.newest_served, self.loop.newest_captured
         if served is None or newest is None:
             raise SimulationError("no frame yet")
         known = self.loop.control_input(self.target_pixel, with_depth=False)
@@ -360,11 +358,10 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         return observation | self.extra_observation()
 
     def _info(self, reward_terms: dict[str, float], terminated_by: str | None, *, succeeded: bool) -> Info:
-        served = self.loop.newest_served
-        if served is None:
+        if (served := self.loop.newest_served) is None:
             raise SimulationError("no depth frame yet")
         used = self.loop.depth_is_used
-        if (served, used) != self._measured:
+        if self._measured != (served, used):
             self._measured = served, used
             self._depth_mae_mm, self._depth_valid_fraction = depth_quality(served) if used else (None, None)
         status = self.loop.scope_status or self.loop.tool_status

@@ -24,7 +24,25 @@ class View:
     width: int
     height: int
     focal: wp.vec2
+    step: wp.vec2
+    """One over `focal`."""
     centre: wp.vec2
+
+
+@wp.struct
+class Projector:
+    """Where the projector is, and what of it the mask's field is."""
+
+    rotation: wp.mat33
+    """p from c."""
+    offset: wp.vec3
+    centre: wp.vec3
+    axis: wp.vec3
+    """Its centre and its z axis, in c."""
+    half_field: float
+    """Half the width of the mask, tangent units."""
+    view: View
+    """That of its depth map."""
 
 
 @wp.func
@@ -37,24 +55,22 @@ def _to_pixels(view: View, p: wp.vec3):
 def to_views(
     points: wp.array(dtype=wp.vec3),
     pose: wp.array(dtype=wp.vec3),
-    projector_from_camera: wp.mat33,
-    offset: wp.vec3,
     camera: View,
-    projector: View,
+    projector: Projector,
     in_camera: wp.array(dtype=wp.vec3),
     on_camera: wp.array(dtype=wp.vec2),
     in_projector: wp.array(dtype=wp.vec3),
     on_projector: wp.array(dtype=wp.vec2),
 ):
-    """Map world points to the camera's and the projector's frame and onto their pixels; `pose` is that of `trace`."""
+    """Map world points to the camera's and the projector's frame and onto their pixels; `pose` as in `ray_kernels`."""
     i = wp.tid()
     d = points[i] - pose[0]
     p = wp.vec3(wp.dot(d, pose[1]), wp.dot(d, pose[2]), wp.dot(d, pose[3]))
-    q = projector_from_camera * p + offset
+    q = projector.rotation * p + projector.offset
     in_camera[i] = p
     on_camera[i] = _to_pixels(camera, p)
     in_projector[i] = q
-    on_projector[i] = _to_pixels(projector, q)
+    on_projector[i] = _to_pixels(projector.view, q)
 
 
 @wp.func
@@ -103,21 +119,18 @@ def _keep_nearest(
             wp.atomic_min(keys, pixel, key)
 
 
-@wp.kernel
-def rasterise(
-    first: int,
-    rows: int,
+@wp.func
+def _offer(
+    triangle: int,
+    low_row: int,
+    high_row: int,
     view: View,
     vertices: wp.array(dtype=wp.vec3),
     pixels: wp.array(dtype=wp.vec2),
     corners: wp.array(dtype=wp.int32),
     keys: wp.array(dtype=wp.uint64),
 ):
-    """Keep the nearest triangle at each pixel's centre: depth in the upper half of the key, number in the lower.
-
-    The launch is (strips, triangles); a strip has `rows` rows. `vertices` are in the eye's frame, `pixels` their images.
-    """
-    strip, triangle = wp.tid()
+    """Offer a triangle to the pixels between two rows, the second excluded."""
     ia = corners[3 * triangle]
     ib = corners[3 * triangle + 1]
     ic = corners[3 * triangle + 2]
@@ -128,8 +141,6 @@ def rasterise(
     farthest = wp.max(a[2], wp.max(b[2], c[2]))
     if farthest < _NEAR_M:
         return
-    low_row = (first + strip) * rows
-    high_row = wp.min(low_row + rows, view.height)
     pa = pixels[ia]
     pb = pixels[ib]
     pc = pixels[ic]
@@ -157,8 +168,8 @@ def rasterise(
     normal = wp.cross(b - a, c - a)
     height = wp.dot(a, normal)
     nearest = wp.max(nearest, float(_NEAR_M))
-    step_x = 1.0 / view.focal[0]
-    step_y = 1.0 / view.focal[1]
+    # What a pixel already shows may be nearer than all of the triangle.
+    first_key = wp.uint64(wp.cast(nearest, wp.uint32)) << wp.uint64(32)
     if whole:
         flip = float(1.0)
         if _side(pa, pb - pa, pc) < 0.0:
@@ -171,12 +182,18 @@ def rasterise(
         slack_c = -_EDGE_SLACK * (wp.abs(ec[0]) + wp.abs(ec[1]))
         for y in range(y0, y1 + 1):
             at_y = float(y) + 0.5
-            part = normal[1] * (at_y - view.centre[1]) * step_y + normal[2]
+            part = normal[1] * (at_y - view.centre[1]) * view.step[1] + normal[2]
+            entered = bool(False)
             for x in range(x0, x1 + 1):
-                at = wp.vec2(float(x) + 0.5, at_y)
-                if _side(pb, ea, at) >= slack_a and _side(pc, eb, at) >= slack_b and _side(pa, ec, at) >= slack_c:
-                    slope = normal[0] * (at[0] - view.centre[0]) * step_x + part
-                    _keep_nearest(height, slope, nearest, farthest, triangle, y * view.width + x, keys)
+                pixel = y * view.width + x
+                if keys[pixel] >= first_key:
+                    at = wp.vec2(float(x) + 0.5, at_y)
+                    if _side(pb, ea, at) >= slack_a and _side(pc, eb, at) >= slack_b and _side(pa, ec, at) >= slack_c:
+                        slope = normal[0] * (at[0] - view.centre[0]) * view.step[0] + part
+                        _keep_nearest(height, slope, nearest, farthest, triangle, pixel, keys)
+                        entered = True
+                    elif entered:
+                        break
     else:
         # Part of the triangle lies behind the eye: its edges are planes through the eye instead of lines in the image.
         turn = wp.where(height < 0.0, -1.0, 1.0)
@@ -185,6 +202,30 @@ def rasterise(
         ab = wp.cross(a, b) * turn
         for y in range(y0, y1 + 1):
             for x in range(x0, x1 + 1):
-                ray = wp.vec3((float(x) + 0.5 - view.centre[0]) * step_x, (float(y) + 0.5 - view.centre[1]) * step_y, 1.0)
+                ray = wp.vec3(
+                    (float(x) + 0.5 - view.centre[0]) * view.step[0], (float(y) + 0.5 - view.centre[1]) * view.step[1], 1.0
+                )
                 if wp.dot(bc, ray) >= 0.0 and wp.dot(ca, ray) >= 0.0 and wp.dot(ab, ray) >= 0.0:
                     _keep_nearest(height, wp.dot(normal, ray), nearest, farthest, triangle, y * view.width + x, keys)
+
+
+@wp.kernel
+def rasterise(
+    first: int,
+    rows: int,
+    run: int,
+    view: View,
+    vertices: wp.array(dtype=wp.vec3),
+    pixels: wp.array(dtype=wp.vec2),
+    corners: wp.array(dtype=wp.int32),
+    keys: wp.array(dtype=wp.uint64),
+):
+    """Keep the nearest triangle at each pixel's centre: depth in the upper half of the key, number in the lower.
+
+    The launch is (strips, runs of triangles); a strip has `rows` rows. Vertices are in the eye's frame, `pixels` their images.
+    """
+    strip, part = wp.tid()
+    low_row = (first + strip) * rows
+    high_row = wp.min(low_row + rows, view.height)
+    for triangle in range(part * run, wp.min((part + 1) * run, corners.shape[0] // 3)):
+        _offer(triangle, low_row, high_row, view, vertices, pixels, corners, keys)

@@ -80,7 +80,7 @@ class ReferenceCamera(RayCamera):
         z_m = view.depth_mm.ravel()[hit] * np.float32(1e-3)
         lit = self._in_field(view).ravel()[hit]
         normals = view.normals.reshape(-1, 3)[hit]
-        factor: Float32 = self._tracer.albedo_factor.numpy()[hit]
+        factor: Float32 = self._tracer.outputs[-1].numpy()[hit]
         light = light_of(self._rays[hit] * z_m[:, None], normals, lit, view.object_id.ravel()[hit], factor, optics)
         relative_snr = np.sqrt(light.matte)
         found = (z_m >= optics.near_m) & (z_m <= optics.far_m)

@@ -1,5 +1,6 @@
 """The surfaces that rays can hit: those of a MuJoCo model, or plain triangles."""
 
+import functools
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
@@ -173,13 +174,16 @@ class SceneGeometry:
             raise InvalidValueError("shape of points", points.shape, f"{self.points.shape}")
         self.points[:] = points
 
-    def corners_around_vertices(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Return `offsets` and `order`: vertex i is at `order[offsets[i] : offsets[i + 1]]` in `triangles.ravel()`."""
-        corners = self.triangles.ravel()
-        order = np.argsort(corners, kind="stable").astype(np.int32)
+    def neighbours(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Return `offsets` and `pairs`, (k, 2): triangles around vertex i hold `pairs[offsets[i] : offsets[i + 1]]` and i.
+
+        The vertices of a pair are in the triangle's order, behind vertex i.
+        """
+        order = np.argsort(self.triangles.ravel(), kind="stable")
         offsets = np.zeros(len(self.points) + 1, dtype=np.int32)
-        np.cumsum(np.bincount(corners, minlength=len(self.points)), out=offsets[1:])
-        return offsets, order
+        np.cumsum(np.bincount(self.triangles.ravel(), minlength=len(self.points)), out=offsets[1:])
+        pairs = np.stack([np.roll(self.triangles, -1, axis=1), np.roll(self.triangles, -2, axis=1)], axis=-1)
+        return offsets, pairs.reshape(-1, 2)[order]
 
 
 def _spread(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
@@ -212,5 +216,12 @@ def _geom_surface(model: mujoco.MjModel, geom: int) -> primitives.Surface:
         name = model.geom(geom).name or f"number {geom}"
         allowed = ", ".join(sorted(k.name for k in (*_PRIMITIVES, mujoco.mjtGeom.mjGEOM_MESH)))
         raise InvalidValueError(f"type of geom {name}", kind.name, allowed)
-    make, sizes = _PRIMITIVES[kind]
-    return make(*(float(size) for size in model.geom_size[geom][:sizes]))
+    return _primitive(kind, *(float(size) for size in model.geom_size[geom][: _PRIMITIVES[kind][1]]))
+
+
+@functools.lru_cache(maxsize=256)
+def _primitive(kind: mujoco.mjtGeom, *sizes: float) -> primitives.Surface:
+    """Return the triangles of a primitive, read-only: theatres share theirs, and every episode has a theatre."""
+    points, triangles = _PRIMITIVES[kind][0](*sizes)
+    points.flags.writeable = triangles.flags.writeable = False
+    return points, triangles

@@ -12,6 +12,12 @@ from laploop.errors import InvalidValueError
 
 _PIXEL_STRIPS_PER_THREAD = 4
 _CUDA_ROW_STRIPS = 16
+_CPU_RUN = 256
+
+
+def launch_run(device: Any) -> int:
+    """Return how many elements one of Warp's threads does in a row: on the CPU each thread copies all arguments anew."""
+    return _CPU_RUN if device.is_cpu else 1
 
 
 class StripRunner:
@@ -29,6 +35,12 @@ class StripRunner:
         self._on_cpu = bool(device.is_cpu)
         self.threads = threads if self._on_cpu else 1
         self._helpers = ThreadPoolExecutor(max_workers=self.threads - 1) if self.threads > 1 else None
+
+    def close(self) -> None:
+        """End the helping threads; what is run afterwards takes longer."""
+        if self._helpers is not None:
+            self._helpers.shutdown()
+            self._helpers = None
 
     def pixel_strips(self, pixels: int) -> list[tuple[int, int]]:
         """Return (first pixel, number of pixels) of strips, several a thread, so that threads finish at about the same time."""
@@ -50,7 +62,7 @@ class StripRunner:
                 for launch in strips[number]:
                     launch.launch()
 
-        helpers = [self._helpers.submit(work) for _ in range(self.threads - 1)] if self._helpers else []
+        helpers = [self._helpers.submit(work) for _ in range(self.threads - 1)] if self._helpers is not None else []
         work()
         for helper in helpers:
             helper.result()

@@ -11,8 +11,8 @@ from laploop.envs.sensors.kernels import ray_kernels, zbuffer_kernels
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_capture import DepthView, ExactView
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
-from laploop.envs.sensors.tracing.strip_runner import StripRunner
-from laploop.perception.geometry import Rig, rigid_transform
+from laploop.envs.sensors.tracing.strip_runner import StripRunner, launch_run
+from laploop.perception.geometry import Rig, invert_transform
 
 _NOTHING = 2**64 - 1
 _PROJECTOR_MARGIN_TAN = 0.08
@@ -22,7 +22,7 @@ _LARGEST_HALF_MAP = 2048
 
 
 class RayScene:
-    """Points, triangles, vertex normals and bounding-volume tree of one `SceneGeometry` on a device."""
+    """Points, triangles and bounding-volume tree of one `SceneGeometry` on a device."""
 
     def __init__(self, geometry: SceneGeometry, device: wp.Device) -> None:
         """Upload the scene and build its tree."""
@@ -35,35 +35,35 @@ class RayScene:
         self.mesh: Any = wp.Mesh(points=self.points, indices=self.corners, groups=parts)
         self.object_ids: Any = wp.array(geometry.object_ids, dtype=wp.uint8, device=device)
         self.albedo_factor: Any = wp.array(geometry.albedo_factor, dtype=wp.float32, device=device)
-        offsets, order = geometry.corners_around_vertices()
+        offsets, pairs = geometry.neighbours()
         self._offsets: Any = wp.array(offsets, dtype=wp.int32, device=device)
-        self._order: Any = wp.array(order, dtype=wp.int32, device=device)
-        self.normals: Any = wp.zeros(len(geometry.points), dtype=wp.vec3, device=device)
-        self._normals_launch = wp.launch(
-            ray_kernels.vertex_normals,
-            dim=len(geometry.points),
-            inputs=[self.points, self.corners, self._offsets, self._order],
-            outputs=[self.normals],
-            device=device,
-            record_cmd=True,
-        )
+        self._pairs: Any = wp.array(pairs, dtype=wp.vec2i, device=device)
 
     def move(self, points: NDArray[np.float32]) -> None:
         """Upload the points, (n, 3) in the world, and refit the tree."""
         self.points.assign(points)
         self.mesh.refit()
 
-    def update_normals(self) -> None:
-        """Compute the vertex normals at the present points."""
-        self._normals_launch.launch()
+    def record_normals(self, points: Any, normals: Any) -> Any:
+        """Record the launch that computes the vertex normals, from the points and to the normals, in any one frame."""
+        count, run = len(points), launch_run(self.device)
+        return wp.launch(
+            ray_kernels.vertex_normals,
+            dim=math.ceil(count / run),
+            inputs=[count, run, points, self._offsets, self._pairs],
+            outputs=[normals],
+            device=self.device,
+            record_cmd=True,
+        )
 
 
 class ViewTracer:
     """Device buffers and recorded launches that follow each pixel's ray to the surface and back to the projector.
 
     Attributes:
-        depth, normals, projector, flags, object_id, albedo_factor: Device arrays, an entry a pixel, for further kernels.
         rays: Device array, tangent coordinates of the rays.
+        projector: The `Projector` of the kernels.
+        outputs: Device arrays, an entry a pixel, that `trace` writes: depth, normal, tangent, flags, object id, albedo factor.
     """
 
     def __init__(self, rig: Rig, device: Any, runner: StripRunner) -> None:
@@ -81,22 +81,21 @@ class ViewTracer:
         half = min(math.ceil(half_tan * camera.fx), _LARGEST_HALF_MAP)
         focal = min(camera.fx, half / half_tan)
         self._projector_view = _view((2 * half, 2 * half), (focal, focal), (half, half))
+        self._projector_in_camera = invert_transform(rig.projector_from_camera)[:3, 3]
+        self.projector = _projector(rig, self._projector_view)
         self._camera_keys: Any = wp.zeros(count, dtype=wp.uint64, device=device)
         self._projector_keys: Any = wp.zeros(4 * half * half, dtype=wp.uint64, device=device)
-        self.depth: Any = wp.zeros(count, dtype=wp.float32, device=device)
-        self.normals: Any = wp.zeros(count, dtype=wp.vec3, device=device)
-        self.projector: Any = wp.zeros(count, dtype=wp.vec2, device=device)
-        self.flags: Any = wp.zeros(count, dtype=wp.uint8, device=device)
-        self.object_id: Any = wp.zeros(count, dtype=wp.uint8, device=device)
-        self.albedo_factor: Any = wp.zeros(count, dtype=wp.float32, device=device)
+        kinds = (wp.float32, wp.vec3, wp.vec2, wp.uint8, wp.uint8, wp.float32)
+        self.outputs: list[Any] = [wp.zeros(count, dtype=kind, device=device) for kind in kinds]
         self._pinhole = True
         self._walk: list[Any] = []
         self._to_views: Any = None
+        self._to_normals: Any = None
         self._rasterise_camera: list[Any] = []
         self._rasterise_projector: list[Any] = []
         self._object_ids: NDArray[np.uint8] = np.zeros(1, dtype=np.uint8)
-        self.trace: list[Any] = []
-        """Recorded launches, one for each of `StripRunner.pixel_strips`; run them after `find_surfaces`."""
+        self.trace: list[list[Any]] = []
+        """Recorded launches of each stage, one for each of `StripRunner.pixel_strips`; run them after `find_surfaces`."""
 
     def set_rays(self, rays: NDArray[np.float64]) -> None:
         """Follow rays other than the rig's pinhole's, (height, width, 3) with z = 1, such as those of a distorting lens.
@@ -108,24 +107,23 @@ class ViewTracer:
 
     def attach(self, scene: RayScene) -> None:
         """Look at a scene from now on."""
-        device, rig = self._device, self._rig
+        device = self._device
         count = len(scene.points)
         in_camera = wp.zeros(count, dtype=wp.vec3, device=device)
         on_camera = wp.zeros(count, dtype=wp.vec2, device=device)
         in_projector = wp.zeros(count, dtype=wp.vec3, device=device)
         on_projector = wp.zeros(count, dtype=wp.vec2, device=device)
-        projector_from_camera = rig.projector_from_camera
-        rotation = wp.mat33(*projector_from_camera[:3, :3].ravel())
-        offset = wp.vec3(*projector_from_camera[:3, 3])
         self._to_views = wp.launch(
             zbuffer_kernels.to_views,
             dim=count,
-            inputs=[scene.points, self._pose, rotation, offset, self._camera_view, self._projector_view],
+            inputs=[scene.points, self._pose, self._camera_view, self.projector],
             outputs=[in_camera, on_camera, in_projector, on_projector],
             device=device,
             record_cmd=True,
         )
         corners = scene.corners
+        normals = wp.zeros(count, dtype=wp.vec3, device=device)
+        self._to_normals = scene.record_normals(in_camera, normals)
         self._rasterise_camera = self._record_rasterise(self._camera_view, in_camera, on_camera, corners, self._camera_keys)
         self._rasterise_projector = self._record_rasterise(
             self._projector_view, in_projector, on_projector, corners, self._projector_keys
@@ -134,32 +132,35 @@ class ViewTracer:
         self._object_ids = np.append(scene.geometry.object_ids, np.uint8(ObjectId.BACKGROUND))
         inputs = [scene.mesh.id, self._pose, self.rays, in_camera, scene.corners]
         self._walk = self.record(ray_kernels.trace_keys, inputs, [self._camera_keys])
-        half_field = wp.vec2(rig.mask.half_width_tan, rig.mask.half_width_tan)
-        inputs = [scene.mesh.id, self._pose, self.rays, self._camera_keys, self._projector_keys, self._projector_view]
-        inputs += [in_camera, scene.corners, scene.object_ids, scene.normals, scene.albedo_factor]
-        inputs += [rotation, offset, half_field]
-        outputs = [self.depth, self.normals, self.projector, self.flags, self.object_id, self.albedo_factor]
-        self.trace = self.record(ray_kernels.trace, inputs, outputs)
+        inputs = [self.rays, self._camera_keys, self._projector_keys, self.projector]
+        inputs += [corners, in_camera, normals, scene.albedo_factor, scene.object_ids]
+        depth, _, _, flags, _, _ = self.outputs
+        self.trace = [
+            self.record(ray_kernels.trace, inputs, self.outputs),
+            self.record(ray_kernels.settle, [scene.mesh.id, self._pose, self.rays, depth], [flags]),
+        ]
 
     def record(self, kernel: Any, inputs: list[Any], outputs: list[Any]) -> list[Any]:
-        """Record a launch of a kernel over pixels for each strip; its first argument is the strip's first pixel."""
+        """Record a launch of a kernel over pixels for each strip; its first arguments are the strip's ends and the run."""
+        run = launch_run(self._device)
         return [
-            wp.launch(kernel, dim=size, inputs=[first, *inputs], outputs=outputs, device=self._device, record_cmd=True)
+            wp.launch(
+                kernel,
+                dim=math.ceil(size / run),
+                inputs=[first, first + size, run, *inputs],
+                outputs=outputs,
+                device=self._device,
+                record_cmd=True,
+            )
             for first, size in self._runner.pixel_strips(self._shape[0] * self._shape[1])
         ]
 
     def place(self, world_from_camera: NDArray[np.float64]) -> None:
-        """Move the camera, and with it the projector.
-
-        Raises:
-            InvalidValueError: If the pose is not a rigid 4x4 transform.
-        """
-        pose = rigid_transform("world_from_camera", world_from_camera)
-        rotation = pose[:3, :3]
-        projector_from_camera = self._rig.projector_from_camera
-        projector_in_camera = -projector_from_camera[:3, :3].T @ projector_from_camera[:3, 3]
-        rows = np.vstack([pose[:3, 3], rotation.T, rotation @ projector_in_camera + pose[:3, 3]])
-        self._pose.assign(rows.astype(np.float32))
+        """Move the camera, and with it the projector, to a rigid 4x4 pose."""
+        rotation, centre = world_from_camera[:3, :3], world_from_camera[:3, 3]
+        rows = np.empty((5, 3), dtype=np.float32)
+        rows[0], rows[1:4], rows[4] = centre, rotation.T, rotation @ self._projector_in_camera + centre
+        self._pose.assign(rows)
 
     def find_camera_surfaces(self) -> None:
         """Find the triangles behind the pixels of the camera."""
@@ -168,8 +169,9 @@ class ViewTracer:
         self._runner.run(self._rasterise_camera if self._pinhole else self._walk)
 
     def find_surfaces(self) -> None:
-        """Find the triangles behind the pixels of the camera and of the projector's depth map."""
+        """Find the triangles behind the pixels of the camera and of the projector's depth map, and the vertices' normals."""
         self.find_camera_surfaces()
+        self._to_normals.launch()
         self._projector_keys.fill_(_NOTHING)
         self._runner.run(self._rasterise_projector)
 
@@ -183,26 +185,27 @@ class ViewTracer:
 
     def read(self) -> ExactView:
         """Copy the results to numpy."""
-        projector = self.projector.numpy().reshape(*self._shape, 2)
+        depth, normals, projector, flags, object_id, _ = (values.numpy() for values in self.outputs)
+        projector = projector.reshape(*self._shape, 2)
         both = ray_kernels.LINE_OF_SIGHT | ray_kernels.INSIDE_FIELD
         return ExactView(
-            depth_mm=self.depth.numpy().reshape(self._shape) * np.float32(1e3),
-            normals=self.normals.numpy().reshape(*self._shape, 3).copy(),
+            depth_mm=depth.reshape(self._shape) * np.float32(1e3),
+            normals=normals.reshape(*self._shape, 3).copy(),
             projector_x=np.ascontiguousarray(projector[..., 0]),
             projector_y=np.ascontiguousarray(projector[..., 1]),
-            lit=self.flags.numpy().reshape(self._shape) == both,
-            object_id=self.object_id.numpy().reshape(self._shape).copy(),
+            lit=flags.reshape(self._shape) == both,
+            object_id=object_id.reshape(self._shape).copy(),
         )
 
     def _record_rasterise(self, view: Any, vertices: Any, pixels: Any, corners: Any, keys: Any) -> list[Any]:
         """Record the search for the nearest triangles, a launch a group of row strips."""
-        groups = self._runner.row_strips()
+        groups, run = self._runner.row_strips(), launch_run(self._device)
         rows = math.ceil(view.height / sum(size for _, size in groups))
         return [
             wp.launch(
                 zbuffer_kernels.rasterise,
-                dim=(size, corners.size // 3),
-                inputs=[first, rows, view, vertices, pixels, corners],
+                dim=(size, math.ceil(corners.size // 3 / run)),
+                inputs=[first, rows, run, view, vertices, pixels, corners],
                 outputs=[keys],
                 device=self._device,
                 record_cmd=True,
@@ -216,5 +219,19 @@ def _view(shape: tuple[int, int], focal: tuple[float, float], centre: tuple[floa
     view = zbuffer_kernels.View()
     view.height, view.width = shape
     view.focal = wp.vec2(*focal)
+    view.step = wp.vec2(1.0 / focal[0], 1.0 / focal[1])
     view.centre = wp.vec2(*centre)
     return view
+
+
+def _projector(rig: Rig, view: Any) -> Any:
+    """Pack the projector's numbers for the kernels."""
+    projector_from_camera = rig.projector_from_camera
+    projector = zbuffer_kernels.Projector()
+    projector.rotation = wp.mat33(*projector_from_camera[:3, :3].ravel())
+    projector.offset = wp.vec3(*projector_from_camera[:3, 3])
+    projector.centre = wp.vec3(*invert_transform(projector_from_camera)[:3, 3])
+    projector.axis = wp.vec3(*projector_from_camera[2, :3])
+    projector.half_field = rig.mask.half_width_tan
+    projector.view = view
+    return projector

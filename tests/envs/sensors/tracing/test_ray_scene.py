@@ -1,4 +1,5 @@
 import numpy as np
+import warp as wp
 
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.tracing import primitives
@@ -10,8 +11,9 @@ from laploop.envs.sensors.tracing.view_tracer import RayScene
 def test_normals_are_smooth_on_the_side_of_a_cylinder_and_sharp_at_its_ends():
     points, triangles = primitives.cylinder(0.0025, 0.01)
     scene = RayScene(SceneGeometry(points=points, triangles=triangles, object_ids=ObjectId.TOOL), open_device("cpu"))
-    scene.update_normals()
-    normals = scene.normals.numpy()
+    at_vertices = wp.zeros(len(points), dtype=wp.vec3, device="cpu")
+    scene.record_normals(scene.points, at_vertices).launch()
+    normals = at_vertices.numpy()
     axial = np.abs(normals[:, 2])
     assert ((axial < 1e-4) | (axial > 1.0 - 1e-4)).all()
     side = axial < 0.5

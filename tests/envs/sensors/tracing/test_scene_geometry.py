@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import mujoco
 import numpy as np
 import pytest
@@ -63,6 +65,12 @@ def test_points_can_be_moved_but_not_multiplied():
     np.testing.assert_array_equal(scene.points, 2.0 * np.eye(3, dtype=np.float32))
     with pytest.raises(InvalidValueError, match="shape of points"):
         scene.move(np.zeros((4, 3)))
+
+
+def test_pairs_complete_the_triangles_around_a_vertex():
+    scene = SceneGeometry(points=np.eye(4)[:, :3], triangles=np.array([[0, 1, 2], [3, 2, 1]]), object_ids=ObjectId.TISSUE)
+    offsets, pairs = scene.neighbours()
+    assert [pairs[a:b].tolist() for a, b in pairwise(offsets)] == [[[1, 2]], [[2, 0], [3, 2]], [[0, 1], [1, 3]], [[2, 1]]]
 
 
 SHEET = """

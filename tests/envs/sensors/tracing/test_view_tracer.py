@@ -102,16 +102,19 @@ def test_lit_ends_at_the_border_of_the_mask(camera, rig, make_plane):
     assert view.lit[:, 25:].all()
 
 
-def test_square_plate_casts_its_shadow_where_geometry_says(camera, rig, make_plane):
-    wall, plate_z, half = make_plane(0.1), 0.07, 0.008
-    plate = make_plane(plate_z, half=half, object_id=ObjectId.TOOL)
-    scene = SceneGeometry(
+def plate_before_wall(make_plane, plate_z, half):
+    wall, plate = make_plane(0.1), make_plane(plate_z, half=half, object_id=ObjectId.TOOL)
+    return SceneGeometry(
         points=np.concatenate([wall.points, plate.points]),
         triangles=np.concatenate([wall.triangles, plate.triangles + 4]),
         object_ids=np.array([4, 4, 2, 2]),
         parts=np.array([0, 0, 1, 1]),
     )
-    camera.attach_geometry(scene)
+
+
+def test_square_plate_casts_its_shadow_where_geometry_says(camera, rig, make_plane):
+    plate_z, half = 0.07, 0.008
+    camera.attach_geometry(plate_before_wall(make_plane, plate_z, half))
     view = camera.exact(None, AT_ORIGIN)
     rays = ray_grid(rig)
     on_plate = (np.abs(rays[..., :2]) * plate_z <= half).all(axis=-1)
@@ -254,11 +257,34 @@ def test_threads_do_not_change_a_bit(rig, make_plane):
     captures = []
     for threads in (1, 2, 3):
         camera = StripeCamera(rig, threads=threads)
-        camera.attach_geometry(make_plane(0.09, tilt_x=0.3, half=0.05))
+        camera.attach_geometry(plate_before_wall(make_plane, 0.07, 0.008))
         captures.append(camera.capture(None, AT_ORIGIN, np.random.default_rng(5)))
     for other in captures[1:]:
         for name, values in vars(captures[0]).items():
             np.testing.assert_array_equal(values, getattr(other, name))
+
+
+def test_depth_alone_is_that_of_the_whole_view(camera, make_plane):
+    pose = np.eye(4)
+    pose[:3, 3] = 0.01, -0.02, 0.005
+    wall = plate_before_wall(make_plane, 0.07, 0.008)
+    wall.move(np.minimum(wall.points, [0.03, 1.0, 1.0]))
+    camera.attach_geometry(wall)
+    snapshot = camera.snapshot(None, pose)
+    depth, exact = camera.depth_view(snapshot), camera.exact_view(snapshot)
+    # Something of everything: wall, plate and nothing.
+    assert set(np.unique(exact.object_id)) == {ObjectId.BACKGROUND, ObjectId.TOOL, ObjectId.OTHER}
+    np.testing.assert_array_equal(depth.depth_mm, exact.depth_mm)
+    np.testing.assert_array_equal(depth.object_id, exact.object_id)
+
+
+def test_a_snapshot_shows_the_scene_as_it_was(camera, make_plane):
+    scene = make_plane(0.09)
+    camera.attach_geometry(scene)
+    snapshot = camera.snapshot(None, AT_ORIGIN)
+    scene.move(scene.points + np.array([0.0, 0.0, 0.02]))
+    np.testing.assert_allclose(camera.exact_view(snapshot).depth_mm, 90.0, atol=DEPTH_MM)
+    np.testing.assert_allclose(camera.exact(None, AT_ORIGIN).depth_mm, 110.0, atol=DEPTH_MM)
 
 
 def test_results_do_not_change_when_the_next_image_is_taken(camera, make_plane):
