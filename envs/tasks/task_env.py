@@ -124,8 +124,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self.observation_space = observation_space(mode, size, self.extra_spaces())
         self._running = False
         self._target: SurfacePoint | None = None
-        # Of a time and a target: measuring and observing both ask for it.
-        self._offset: tuple[int, SurfacePoint, tuple[Array, Array, Array]] | None = None
+        # Time, target, and its normal and place then: measuring and observing both ask for them.
+        self._touched: tuple[int, SurfacePoint, Array, Array] | None = None
         self.target_pixel: Array = np.full(2, np.nan)
         self._measured: tuple[ServedFrame, bool] | None = None
         self._depth_mae_mm: float | None = None
@@ -208,7 +208,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         theatre_seed = int(theatre_rng.integers(2**31)) if seed is None else int(seed)
         self._interpreter.reset()
         # The target is chosen in the first frame, at time 0, before the loop runs.
-        self._target = self._offset = None
+        self._target = self._touched = None
         choose = partial(self.choose_target, target_rng, options or {})
         self.loop.reset(theatre_rng, theatre_seed=theatre_seed, at_first_frame=choose)
         self.measure(begin=True)
@@ -306,12 +306,11 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
     def target_offset(self) -> tuple[Array, Array, Array]:
         """Return the vector from the target to the tool's tip, the target's normal, and the target, each (3,), in the world."""
         now_ns, target = self.loop.now_ns, self.surface_target()
-        if self._offset is None or self._offset[:2] != (now_ns, target):
+        if self._touched is None or self._touched[:2] != (now_ns, target):
             tissue = self.loop.theatre.tissue
-            position = target.position(tissue)
-            offset = self.loop.theatre.tip_in_world() - position
-            self._offset = now_ns, target, (offset, target.normal(tissue), position)
-        return self._offset[2]
+            self._touched = now_ns, target, target.normal(tissue), target.position(tissue)
+        _, _, normal, position = self._touched
+        return self.loop.theatre.tip_in_world() - position, normal, position
 
     def touch_error_mm(self) -> float:
         """Return the distance of the tool's tip from an ideal touch: one ball radius above the target along its normal."""

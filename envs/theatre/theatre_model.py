@@ -129,7 +129,10 @@ def _phantom_alone(plan: TheatrePlan, *, whole: bool) -> Any:
     # Where it will stand: elsewhere, stiffness would differ in its last digit.
     phantom = build_phantom(plan.mesh, plan.config.tissue, whole=whole)
     spec.attach(phantom, frame=spec.worldbody.add_frame(pos=plan.stage))
-    return spec.compile()
+    model = spec.compile()
+    # MuJoCo keeps half a megabyte of every phantom that it compiles, which never comes back.
+    mujoco.mj_clearCache(mujoco.mj_getCache())
+    return model
 
 
 def arrays_of_phantom(model: Any) -> dict[str, Array]:
