@@ -2,7 +2,7 @@
 
 import math
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import torch
@@ -13,22 +13,34 @@ from laploop.errors import InvalidValueError
 from laploop.perception.estimators.base import check_image
 from laploop.perception.estimators.freed_memory import keep_freed_memory
 from laploop.perception.geometry import Rig
-from laploop.perception.inference.depth_module import fold_batch_norms
-from laploop.perception.inference.torch_runner import check_device
+from laploop.perception.inference.depth_module import fold_batch_norms, lower_precision
+from laploop.perception.inference.torch_runner import check_device, has_fast_bf16
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.networks.depth_network import DepthNetwork
+
+Precision = Literal["auto", "fp32", "bf16"]
+"""What the network is computed in."""
 
 
 class NetworkEstimator(ABC):
     """Runs a depth network on one image at a time."""
 
-    def __init__(self, rig: Rig, network: DepthNetwork, *, device: str = "cpu") -> None:
+    def __init__(self, rig: Rig, network: DepthNetwork, *, device: str = "cpu", precision: Precision = "auto") -> None:
         """Take over a network, which is put into inference form: normalisations folded, channels last, no gradients.
 
+        Args:
+            rig: The rig whose images it will see.
+            network: The network.
+            device: cpu, cuda, or cuda:N.
+            precision: fp32, bf16 (all convolutions but the last), or auto: bf16 where the network tolerates it and the CPU
+                computes it in hardware, fp32 otherwise.
+
         Raises:
-            InvalidValueError: If this machine does not have the device.
+            InvalidValueError: If this machine does not have the device, or there is no such precision.
         """
         check_device(device)
+        if precision not in get_args(Precision):
+            raise InvalidValueError("precision", precision, ", ".join(get_args(Precision)))
         keep_freed_memory()
         self._rig = rig
         self._device = torch.device(device)
@@ -38,14 +50,20 @@ class NetworkEstimator(ABC):
         # The filters of a rig are computed on the device, with its arithmetic.
         context = network.context(rig)
         self._context = () if context is None else (context,)
+        if precision == "auto":
+            precision = "bf16" if device == "cpu" and network.tolerates_bf16 and has_fast_bf16() else "fp32"
+        self.precision = precision
+        if precision == "bf16":
+            lower_precision(network)
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def estimate(self, image: NDArray[np.uint8]) -> DepthEstimate:
         """Estimate z-depth in millimetres and its validity from an image (height, width); see `DepthEstimator`."""
         check_image(image, self._rig)
-        with torch.inference_mode():
+        lowered = torch.autocast(self._device.type, torch.bfloat16, enabled=self.precision == "bf16", cache_enabled=False)
+        with torch.inference_mode(), lowered:
             output = self._network(torch.from_numpy(image.astype(np.float32))[None].to(self._device), *self._context)
-            depth_mm: NDArray[np.float32] = output.depth_mm[0].cpu().numpy()
+            depth_mm: NDArray[np.float32] = output.depth_mm[0].float().cpu().numpy()
             valid: NDArray[np.bool_] = self.valid(output)[0].cpu().numpy()
         return DepthEstimate(depth_mm=depth_mm, valid=valid)
 
@@ -57,15 +75,23 @@ class NetworkEstimator(ABC):
 class ScaleEstimator(NetworkEstimator):
     """Marks valid where the network expects to be near enough: where its Laplace scale is at most `max_scale_mm`."""
 
-    def __init__(self, rig: Rig, network: DepthNetwork, *, max_scale_mm: float = 2.0, device: str = "cpu") -> None:
-        """Take over a network that gives a `log_scale`.
+    def __init__(
+        self,
+        rig: Rig,
+        network: DepthNetwork,
+        *,
+        max_scale_mm: float = 2.0,
+        device: str = "cpu",
+        precision: Precision = "auto",
+    ) -> None:
+        """Take over a network that gives a `log_scale`; further arguments are those of `NetworkEstimator`.
 
         Raises:
-            InvalidValueError: If `max_scale_mm` is not above 0, or this machine does not have the device.
+            InvalidValueError: If `max_scale_mm` is not above 0; further errors are those of `NetworkEstimator`.
         """
         if not 0.0 < max_scale_mm < math.inf:
             raise InvalidValueError("max_scale_mm", max_scale_mm, "a finite number above 0")
-        super().__init__(rig, network, device=device)
+        super().__init__(rig, network, device=device, precision=precision)
         self._max_scale_mm = max_scale_mm
 
     def valid(self, output: Any) -> Tensor:
@@ -91,16 +117,22 @@ class RangeEstimator(NetworkEstimator):
     """
 
     def __init__(
-        self, rig: Rig, network: DepthNetwork, *, range_mm: tuple[float, float] = (40.0, 160.0), device: str = "cpu"
+        self,
+        rig: Rig,
+        network: DepthNetwork,
+        *,
+        range_mm: tuple[float, float] = (40.0, 160.0),
+        device: str = "cpu",
+        precision: Precision = "auto",
     ) -> None:
-        """Take over a network; the default range is that of the training data.
+        """Take over a network; the default range is that of the training data. Other arguments: see `NetworkEstimator`.
 
         Raises:
-            InvalidValueError: If the range is empty, or this machine does not have the device.
+            InvalidValueError: If the range is empty; further errors are those of `NetworkEstimator`.
         """
         if not 0.0 < range_mm[0] < range_mm[1] < math.inf:
             raise InvalidValueError("range_mm", range_mm, "0 < nearest < farthest")
-        super().__init__(rig, network, device=device)
+        super().__init__(rig, network, device=device, precision=precision)
         self._range_mm = range_mm
 
     def valid(self, output: Any) -> Tensor:

@@ -100,7 +100,7 @@ class _FullPrecision(nn.Module):
         return result
 
 
-def lower_precision(module: DepthModule, *, codebook_exact: bool = False) -> None:
+def lower_precision(module: nn.Module, *, codebook_exact: bool = False) -> None:
     """Store the weights of convolutions in bfloat16, to be run under autocast, but for the last one.
 
     The last convolution produces the depth. With 8 bits of mantissa, 250 mm is known to 0.5 mm only, more than the rest of the
@@ -108,10 +108,10 @@ def lower_precision(module: DepthModule, *, codebook_exact: bool = False) -> Non
 
     Args:
         module: Changed in place.
-        codebook_exact: Leave what comes before a codebook in float32: where the nearest entry is a close call, rounding picks
-            another one, and the error is no longer small.
+        codebook_exact: Leave what comes before a `DepthModule`'s codebook in float32: where the nearest entry is a close call,
+            rounding picks another one, and the error is no longer small.
     """
-    exact = "network.encoder" if codebook_exact and hasattr(module.network, "quantizer") else None
+    exact = "network.encoder" if codebook_exact and hasattr(getattr(module, "network", None), "quantizer") else None
     layers = [
         (name, layer)
         for name, layer in module.named_modules()

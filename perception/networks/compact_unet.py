@@ -8,7 +8,7 @@ The network works in turns of phase, `b / (tau Z)`; nothing in the learned part 
 position of the stripes.
 """
 
-from typing import Self
+from typing import ClassVar, Self
 
 import torch
 from torch import Tensor, nn
@@ -93,6 +93,9 @@ class StripeFrontEnd(nn.Module):
 
 class CompactUNet(DepthNetwork):
     """The whole network: front end, U-Net, and the head that blends physics and a free estimate."""
+
+    # By 0.01 mm in the mean and 0.05 mm in the 99th percentile, where its error is 0.2 to 0.6 mm.
+    tolerates_bf16: ClassVar[bool] = True
 
     @classmethod
     def for_rig(cls, rig: Rig, config: CompactConfig) -> Self:

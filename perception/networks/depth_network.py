@@ -1,7 +1,7 @@
 """The contract of every depth network."""
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from torch import Tensor, nn
 
@@ -13,6 +13,8 @@ class DepthNetwork(nn.Module):
     """A network that is called with images (B, height, width), grey values 0-255 in float32, and perhaps a context."""
 
     config: NetworkConfig
+    tolerates_bf16: ClassVar[bool] = False
+    """Whether its depth hardly changes when all convolutions but the last are computed in bfloat16."""
 
     @classmethod
     def for_rig(cls, rig: Rig, config: Any) -> Self:  # noqa: ARG003 - for networks that are built for one rig

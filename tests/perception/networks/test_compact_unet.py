@@ -3,9 +3,15 @@ import pytest
 import torch
 
 from laploop.assets.scope_optics import ScopeOptics
+from laploop.envs.loop.config import LoopConfig
+from laploop.envs.sensors.optics.presets import optics_preset
+from laploop.envs.tasks.configs import ReachConfig
+from laploop.envs.tasks.reach import ReachEnv
 from laploop.errors import InvalidValueError
 from laploop.perception.estimators.network import ScaleEstimator
+from laploop.perception.estimators.registry import make_estimator
 from laploop.perception.geometry import Rig
+from laploop.perception.inference.torch_runner import has_fast_bf16
 from laploop.perception.networks.compact_unet import CompactUNet
 from laploop.perception.networks.configs import CompactConfig
 
@@ -136,3 +142,26 @@ def test_impossible_sizes_are_refused(change):
 def test_impossible_options_are_refused(rig, network, options):
     with pytest.raises(InvalidValueError, match=next(iter(options))):
         ScaleEstimator(rig, network, **options)
+
+
+@pytest.mark.parametrize("preset", ["paper", "worst"])
+def test_bfloat16_changes_the_depth_by_hundredths_of_a_millimetre(preset):
+    env = ReachEnv(ReachConfig(observation_mode="stripes", loop=LoopConfig(optics=optics_preset(preset))), perception="oracle")
+    rig = env.loop.rig
+    exact, lowered = (make_estimator("compact", rig, arguments={"precision": precision}) for precision in ("fp32", "bf16"))
+    image = env.reset(seed=2)[0]["stripes"]
+    env.close()
+    one, other = exact.estimate(image), lowered.estimate(image)
+    both = one.valid & other.valid
+    apart_mm = np.abs(one.depth_mm - other.depth_mm)[both]
+    assert 0.0 < apart_mm.mean() < 0.02
+    assert np.percentile(apart_mm, 99) < 0.1
+    assert (one.valid != other.valid).mean() < 0.003
+
+
+def test_bfloat16_is_used_where_the_processor_has_it_and_no_other_is_known():
+    rig = Rig.from_optics(ScopeOptics())
+    assert make_estimator("compact", rig).precision == ("bf16" if has_fast_bf16() else "fp32")
+    assert make_estimator("ssle-phase", rig).precision == "fp32"
+    with pytest.raises(InvalidValueError, match="precision is 'fp16'"):
+        make_estimator("compact", rig, arguments={"precision": "fp16"})
