@@ -22,6 +22,7 @@ class BackgroundWorker:
         self._stage = stage
         self._timer = timer
         self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=stage)
+        self._abandoned = False
 
     def later(self, work: Callable[[], ResultT], *, after: "Pending[Any] | None" = None) -> "Pending[ResultT]":
         """Return the result of `work`, which is begun when it is asked for, or earlier by `Pending.begin`.
@@ -30,13 +31,21 @@ class BackgroundWorker:
         """
         return Pending(self._executor, lambda: self._timed(work, after), self._timer)
 
+    def abandon(self) -> None:
+        """Forget all jobs but one that is under way; does not wait for it."""
+        self._abandoned = True
+        self._executor.shutdown(wait=False, cancel_futures=True)
+
     def close(self) -> None:
         """Finish the job that is under way, forget those that are not, and end the thread."""
-        self._executor.shutdown(wait=True, cancel_futures=True)
+        self.abandon()
+        self._executor.shutdown(wait=True)
 
     def _timed(self, work: Callable[[], ResultT], after: "Pending[Any] | None") -> ResultT:
         if after is not None:
             after.result()
+        if self._abandoned:
+            raise _over()
         begin = time.perf_counter()
         result = work()
         self._timer.add(self._stage, time.perf_counter() - begin)

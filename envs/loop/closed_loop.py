@@ -85,11 +85,14 @@ class ClosedLoop:
         Raises:
             SimulationError: If no depth frame arrives.
         """
-        self._end_episode()
+        for worker in (self._server, self._renderer):
+            if worker is not None:
+                # It may finish what it is at while the theatre is built.
+                worker.abandon()
         noise_rng, latency_rng, corruption_rng, texture_rng, tool_rng, scope_rng = rng.spawn(6)
         self.timer = StageTimer()
         self.theatre = Theatre(self.config.theatre, self.config, seed=theatre_seed)
-        self.theatre.reset()
+        self._end_episode()
         errors = self.config.kinematic_errors
         exact = errors == KinematicErrors()
         self.tool = MiscalibratedTool(self.theatre, None if exact else errors.draw(tool_rng))

@@ -61,6 +61,10 @@ class FrameRenderer:
             view.whole.begin()
         return view
 
+    def abandon(self) -> None:
+        """Begin nothing any more; does not wait for what is under way."""
+        self._worker.abandon()
+
     def close(self) -> None:
         """End the thread; what has not been rendered cannot be any more."""
         self._worker.close()

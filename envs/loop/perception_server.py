@@ -109,6 +109,10 @@ class PerceptionServer:
                 self._start(waiting, max(job.done_ns, waiting.available_ns))
         return finished
 
+    def abandon(self) -> None:
+        """Begin nothing any more; does not wait for what is under way."""
+        self._worker.abandon()
+
     def close(self) -> None:
         """Wait for the worker and end its thread."""
         self._worker.close()

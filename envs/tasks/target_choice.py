@@ -61,18 +61,15 @@ def qualifying_pixels(
 ) -> NDArray[np.bool_]:
     """Return which pixels, (height, width), are fair targets, the shaft's clearance aside."""
     depth_m = view.depth_mm.astype(np.float64) * 1e-3
-    points = camera.rays * depth_m[..., None]
-    normals = view.normals.astype(np.float64)
-    to_camera = -camera.rays / np.linalg.norm(camera.rays, axis=-1, keepdims=True)
-    to_trocar = trocar_in_camera - points
+    across_m = np.linalg.norm(camera.rays[..., :2], axis=-1) * depth_m
+    fits = (view.object_id == ObjectId.TISSUE) & view.lit & (across_m < config.max_radius_m)
+    rays, normals = camera.rays[fits], view.normals[fits].astype(np.float64)
+    to_camera = -rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    to_trocar = trocar_in_camera - rays * depth_m[fits][:, None]
     to_trocar /= np.linalg.norm(to_trocar, axis=-1, keepdims=True)
-    return np.asarray(
-        (view.object_id == ObjectId.TISSUE)
-        & view.lit
-        & (np.linalg.norm(points[..., :2], axis=-1) < config.max_radius_m)
-        & (np.einsum("hwi,hwi->hw", normals, to_camera) > np.cos(config.max_slope_rad))
-        & (np.einsum("hwi,hwi->hw", normals, to_trocar) > np.cos(config.max_tool_angle_rad))
-    )
+    faces = (normals * to_camera).sum(axis=-1) > np.cos(config.max_slope_rad)
+    fits[fits] = faces & ((normals * to_trocar).sum(axis=-1) > np.cos(config.max_tool_angle_rad))
+    return np.asarray(fits)
 
 
 def shaft_is_clear(point: Array, trocar_in_camera: Array, surface: Array, config: TargetChoiceConfig) -> bool:
@@ -81,5 +78,6 @@ def shaft_is_clear(point: Array, trocar_in_camera: Array, surface: Array, config
     to_trocar /= np.linalg.norm(to_trocar)
     offset = surface - point
     along = offset @ to_trocar
-    across = np.linalg.norm(offset - along[:, None] * to_trocar, axis=1)
-    return not bool(np.any((along > 0.01) & (across < config.clearance_m)))
+    beside = along > 0.01
+    across = np.linalg.norm(offset[beside] - along[beside, None] * to_trocar, axis=1)
+    return not bool(np.any(across < config.clearance_m))
