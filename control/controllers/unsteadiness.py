@@ -2,8 +2,6 @@
 
 import math
 
-import numpy as np
-
 from laploop.arrays import Array
 
 _FIRST_CHANGES = 8
@@ -17,7 +15,7 @@ class Unsteadiness:
         """Take the time constant of the exponential mean."""
         self._time_constant_s = time_constant_s
         self._velocity: Array | None = None
-        self._changed_ns = 0
+        self._captured_ns = 0
         self._changes = 0
         self._mean_square = 0.0
 
@@ -26,14 +24,13 @@ class Unsteadiness:
         """The root mean square, m/s; 0 before enough is known."""
         return math.sqrt(self._mean_square)
 
-    def add(self, velocity: Array, now_ns: int) -> None:
-        """Take in the velocity, (3,) m/s, of a control tick; it changes when a depth frame has arrived."""
-        if self._velocity is not None and np.array_equal(velocity, self._velocity):
-            return
-        if self._velocity is not None:
+    def add(self, velocity: Array, captured_ns: int) -> None:
+        """Take in the velocity, (3,) m/s, that the frame captured at this time gave; a frame counts once."""
+        if self._velocity is not None and captured_ns > self._captured_ns:
             self._changes += 1
             if self._changes > _FIRST_CHANGES:
                 change = velocity - self._velocity
-                fraction = 1.0 - math.exp(-(now_ns - self._changed_ns) * 1e-9 / self._time_constant_s)
+                fraction = 1.0 - math.exp(-(captured_ns - self._captured_ns) * 1e-9 / self._time_constant_s)
                 self._mean_square += fraction * (float(change @ change) - self._mean_square)
-        self._velocity, self._changed_ns = velocity.copy(), now_ns
+        if self._velocity is None or captured_ns > self._captured_ns:
+            self._velocity, self._captured_ns = velocity.copy(), captured_ns

@@ -12,6 +12,8 @@ from typing import Any
 
 from laploop.errors import InvalidValueError, MissingFileError, OutputError
 from laploop.perception.network_specs import SHIPPED
+from laploop.studies.fidelity.run import as_markdown
+from laploop.studies.readme.bench_tables import against_table, bench_rows_table
 from laploop.studies.readme.results_tables import overall, residual_table, robustness_table, shown, speed_table, tasks_table
 
 BEGIN = "<!-- results: begin -->"
@@ -30,7 +32,8 @@ TRIALS = tuple(f"{name}-{motion}" for name in MODELS for motion in ("still", "br
 def results_markdown(folder: Path) -> str:
     """Return the page of results for the summaries in `folder`.
 
-    Those of trials, tasks, robustness, speed and of an injected calibration error are left out where they are missing.
+    Those of trials, tasks, robustness, speed, fidelity, of another revision and of an injected calibration error are left out
+    where they are missing.
 
     Raises:
         MissingFileError: If the folder lacks one of the others.
@@ -38,9 +41,9 @@ def results_markdown(folder: Path) -> str:
     pairs = _read(folder / "depth-pairs.json")
     trials = [_read(path) for name in TRIALS if (path := folder / f"trials-{name}.json").is_file()]
     speeds = [_read(path) for name in MODELS if (path := folder / f"speed-{name}.json").is_file()]
-    tasks, residual, robustness = (
+    tasks, residual, robustness, fidelity, against = (
         _read(path) if (path := folder / f"{name}.json").is_file() else None
-        for name in ("tasks", "depth-pairs-residual", "robustness")
+        for name in ("tasks", "depth-pairs-residual", "robustness", "fidelity", "against")
     )
     sensor = (_read(folder / f"{name}.json") for name in ("characterization", "calibration", "collection"))
     sections = {
@@ -52,7 +55,10 @@ def results_markdown(folder: Path) -> str:
         "Depth under other conditions": robustness_table(robustness) if robustness else None,
         "Sensor, calibration, data": _sensor_paragraph(*sensor),
         "Speed of the depth networks": speed_table(speeds) if speeds else None,
+        "What `fast` changes": as_markdown(fidelity).rstrip() if fidelity else None,
         "Time of each stage": _bench_table(_read(folder / "bench.json")),
+        "Steps, resets and memory": bench_rows_table(_read(folder / "bench.json")),
+        "Against the revision before": against_table(against) if against else None,
     }
     return _HEADER + "\n".join(f"\n## {title}\n\n{text}\n" for title, text in sections.items() if text is not None)
 
