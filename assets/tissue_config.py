@@ -24,8 +24,6 @@ class TissueShape:
     """Length and width of the phantom."""
     samples: Annotated[int, Field(ge=9, le=PATTERN_SIZE)] = 61
     """Vertices along one side of the top surface."""
-    layers: Annotated[int, Field(ge=1, le=8)] = 1
-    """Solid cells from the bottom to the top."""
     height_m: Height = 0.029
     """Height of the highest point above the bottom."""
     floor_m: Height = 0.008

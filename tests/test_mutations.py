@@ -121,8 +121,8 @@ MUTATIONS = (
     Mutation(
         name="true-normal-flipped",
         file="envs/tasks/surface_point.py",
-        before="np.cross(b - a, c - a)",
-        after="np.cross(c - a, b - a)",
+        before="_cross(b - a, c - a)",
+        after="_cross(c - a, b - a)",
         tests=("tests/envs/tasks/test_task_env.py",),
     ),
     Mutation(

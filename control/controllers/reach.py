@@ -22,7 +22,7 @@ class ReachControllerConfig(TouchControllerConfig):
     """How the target is followed."""
     hold_force_n: Annotated[float, Field(gt=0.0, le=10.0)] = 0.04
     """Force kept up while touching steady tissue."""
-    unsteady_force_ns_m: Annotated[float, Field(ge=0.0, le=1000.0)] = 260.0
+    unsteady_force_ns_m: Annotated[float, Field(ge=0.0, le=1000.0)] = 340.0
     """Further force per unsteadiness of the tissue beyond `steady_change_mps`: late depth cannot follow it, and a light touch
     would be lost. Breathing with a heartbeat of 1 mm comes to about 0.1 N."""
     steady_change_mps: Annotated[float, Field(ge=0.0, le=1.0)] = 0.00065

@@ -4,17 +4,19 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 
 from laploop.arrays import Array
 from laploop.configuration import Field, configuration
-from laploop.envs.loop.perception_server import ServedFrame
 from laploop.envs.loop.proprioception import ProprioceptiveReading
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Intrinsics
 from laploop.perception.messages import DepthEstimate
+
+if TYPE_CHECKING:
+    from laploop.envs.loop.perception_server import ServedFrame
 
 FaultKind = Literal[
     "perception-stops",
@@ -86,7 +88,7 @@ class FaultInjector:
         """Return the kinds of the faults that are active at a time."""
         return tuple(fault.kind for fault in self._faults if fault.active(now_ns))
 
-    def depth_frames(self, frames: list[ServedFrame], camera: Intrinsics, now_ns: int) -> list[ServedFrame]:
+    def depth_frames(self, frames: "list[ServedFrame]", camera: Intrinsics, now_ns: int) -> "list[ServedFrame]":
         """Return the depth frames that arrive now, in their order, given those that would without faults.
 
         Args:
@@ -138,7 +140,7 @@ class FaultInjector:
                 reason = OUT_OF_REACH
         return velocity, reason
 
-    def _changed(self, frame: ServedFrame, camera: Intrinsics) -> ServedFrame | None:
+    def _changed(self, frame: "ServedFrame", camera: Intrinsics) -> "ServedFrame | None":
         for fault in self._faults:
             if not fault.active(frame.captured_ns):
                 continue
