@@ -161,10 +161,10 @@ class ClosedLoop:
         for _ in range(steps):
             with self.timer.measure("physics"):
                 self.theatre.step()
+            self.timer.complete("physics")
             self._proprioception.after_physics_step()
             self._capture_if_due()
             served += self._deliver()
-        self.timer.complete("physics")
         self.watch.period_over()
         self._take_extremes()
         return served
