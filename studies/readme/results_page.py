@@ -222,9 +222,9 @@ def _bench_table(summary: Mapping[str, Any]) -> str:
     machine, factor, in_loop = summary["machine"], summary["loop"]["real_time_factor"], summary["loop"]["stage_ms"]
     lines = [
         f"Time of each stage on {machine['usable_cores']} cores ({machine['cpu']}): median, 5th to 95th percentile.",
-        f"The whole loop runs at {factor['median']:.2f} of real time without recording; physics limits it, with a median of",
-        f"{in_loop['physics']:.2f} ms for each step of 2 ms. In the loop, where perception shares the cores, a control tick",
-        f"takes {in_loop['control']:.2f} ms and `compact` {in_loop['perception']:.0f} ms.",
+        f"The whole loop runs at {factor['median']:.2f} of real time without recording. Physics takes a median of",
+        f"{in_loop['physics']:.2f} ms for each step of 2 ms, a control tick {in_loop['control']:.2f} ms; beside them, on the",
+        f"other core, an image takes {in_loop['render']:.0f} ms and then `compact` {in_loop['perception']:.0f} ms: the loop waits.",
         *_tick_lines({stage["name"]: stage for stage in summary["stages"]}),
         "",
         "| stage | median | target | 5-95 % | 99 % | target |",

@@ -69,7 +69,6 @@ def stage_times(config: BenchConfig, report: Callable[[float], None]) -> list[St
     stages = [
         Stage.of("physics step, free", _time(Theatre(theatre.config, theatre.rates, seed=config.seed).step, config.calls)),
         Stage.of("physics step, in contact", _contact_physics(touch, config.calls)),
-        Stage.of("kinematics refresh", _time(theatre.refresh, config.calls)),
         Stage.of("control tick", np.add(touch.targeting_s, touch.inverse_kinematics_s)),
         Stage.of("control tick: targeting", touch.targeting_s),
         Stage.of("control tick: inverse kinematics", touch.inverse_kinematics_s),

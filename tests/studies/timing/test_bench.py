@@ -16,7 +16,6 @@ from laploop.studies.timing.machine import describe_machine
 STAGES = {
     "physics step, free",
     "physics step, in contact",
-    "kinematics refresh",
     "control tick",
     "control tick: targeting",
     "control tick: inverse kinematics",
