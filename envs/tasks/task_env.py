@@ -124,8 +124,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self.observation_space = observation_space(mode, size, self.extra_spaces())
         self._running = False
         self._target: SurfacePoint | None = None
-        # Time, target, and its normal and place then: measuring and observing both ask for them.
-        self._touched: tuple[int, SurfacePoint, Array, Array] | None = None
+        self._touched: tuple[int, SurfacePoint, Array, Array] | None = None  # time, target, its normal and place then
         self.target_pixel: Array = np.full(2, np.nan)
         self._measured: tuple[ServedFrame, bool] | None = None
         self._depth_mae_mm: float | None = None
@@ -305,9 +304,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     def target_offset(self) -> tuple[Array, Array, Array]:
         """Return the vector from the target to the tool's tip, the target's normal, and the target, each (3,), in the world."""
-        now_ns, target = self.loop.now_ns, self.surface_target()
+        now_ns, target, tissue = self.loop.now_ns, self.surface_target(), self.loop.theatre.tissue
         if self._touched is None or self._touched[:2] != (now_ns, target):
-            tissue = self.loop.theatre.tissue
             self._touched = now_ns, target, target.normal(tissue), target.position(tissue)
         _, _, normal, position = self._touched
         return self.loop.theatre.tip_in_world() - position, normal, position

@@ -223,8 +223,8 @@ def _bench_table(summary: Mapping[str, Any]) -> str:
     lines = [
         f"Time of each stage on {machine['usable_cores']} cores ({machine['cpu']}): median, 5th to 95th percentile.",
         f"The whole loop runs at {factor['median']:.2f} of real time without recording. Physics takes a median of",
-        f"{in_loop['physics']:.2f} ms for each step of 2 ms, a control tick {in_loop['control']:.2f} ms; beside them, on the",
-        f"other core, an image takes {in_loop['render']:.0f} ms and then `compact` {in_loop['perception']:.0f} ms: the loop waits.",
+        f"{in_loop['physics']:.2f} ms for each step of 2 ms, a control tick {in_loop['control']:.2f} ms. Beside them an image",
+        f"takes {in_loop['render']:.0f} ms and then `compact` {in_loop['perception']:.0f} ms, which the loop waits for.",
         *_tick_lines({stage["name"]: stage for stage in summary["stages"]}),
         "",
         "| stage | median | target | 5-95 % | 99 % | target |",
