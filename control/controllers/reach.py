@@ -32,7 +32,7 @@ class ReachControllerConfig(TouchControllerConfig):
     """Time constant of that mean."""
     max_hold_force_n: Annotated[float, Field(gt=0.0, le=10.0)] = 0.15
     """Greatest force that is kept up."""
-    admittance: AdmittanceConfig = Field(default_factory=lambda: AdmittanceConfig(gain_mps_per_n=0.08, integral_per_s=6.0))
+    admittance: AdmittanceConfig = Field(default_factory=lambda: AdmittanceConfig(gain_mps_per_n=0.08, integral_per_s=9.6))
     """How the force is kept."""
     adaptation_per_s: Annotated[float, Field(gt=0.0, le=100.0)] = 3.0
     """How fast the felt surface corrects the seen one while touching."""

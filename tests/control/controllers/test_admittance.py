@@ -53,5 +53,5 @@ def test_a_late_arm_gets_a_slower_integral():
     late = Admittance(AdmittanceConfig(gain_mps_per_n=0.08, integral_per_s=6.0))
     gain = 0.04 / 30.0 / 0.1
     late.lift_mps(0.1, 100_000_000, 1.0)
-    # A quarter of the loop's rate, gain times 300 N/m.
-    assert late.lift_mps(0.0, 100_000_000, 0.0) == pytest.approx(0.25 * gain * 300.0 * gain * 0.1)
+    # Two fifths of the loop's rate, gain times 300 N/m.
+    assert late.lift_mps(0.0, 100_000_000, 0.0) == pytest.approx(0.4 * gain * 300.0 * gain * 0.1)
