@@ -10,6 +10,7 @@ the fidelity that it runs at; each `{"block": NUMBER}` measures once and answers
 
 import ctypes
 import inspect
+import itertools
 import json
 import math
 import os
@@ -249,14 +250,17 @@ class Captures:
 class Resets:
     """Resets of the environment, each block one: to a seed not seen before, or to one that was."""
 
+    _fresh = itertools.count(1_000_000)
+    """Seeds that no other measurement of this process uses, whose scenes may be kept."""
+
     def __init__(self, *, fidelity: str, observation: str, new: bool, seed: int) -> None:
         self._env = _environment(fidelity, observation)
         self._seed, self._new = seed, new
         self._env.reset(seed=seed)
 
-    def block(self, number: int, /) -> Sample:
+    def block(self, _number: int, /) -> Sample:
         """Measure a reset."""
-        seed = self._seed + 1 + number if self._new else self._seed
+        seed = next(self._fresh) if self._new else self._seed
         return _took(lambda: self._env.reset(seed=seed), 1)
 
     def close(self) -> None:

@@ -135,7 +135,6 @@ def _contact_physics(touch: _Touch, calls: int) -> list[float]:
         if np.linalg.norm(theatre.contact_force_in_world()) < _TOUCH_N:
             seconds.pop()
         if len(seconds) == calls:
-            theatre.refresh()
             return seconds
     raise SimulationError(f"the tip lost the tissue: {len(seconds)} of {10 * calls} physics steps were in contact")
 
