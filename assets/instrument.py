@@ -17,6 +17,7 @@ TIP_CONTACT = "tip_contact"
 """Name of the geom of ball and neck that touches tissue."""
 
 CONTACT_JOINTS = ("contact_x", "contact_y", "contact_z")
+"""Names of the contact body's slide joints; see `build_instrument`."""
 
 IMMOVABLE_KG = 1e4
 """Armature of those joints: a newton changes their speed by 2e-7 m/s in a step."""

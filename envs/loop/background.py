@@ -102,4 +102,4 @@ class Pending(Generic[ResultT]):
 
 
 def _over() -> SimulationError:
-    return SimulationError("the episode of this frame is over, and what is asked for was not computed in it")
+    return SimulationError("the episode ended before this image or depth map was computed")

@@ -54,7 +54,7 @@ class ClosedLoop:
         Args:
             config: The theatre, the stages and their timing.
             estimator: The perception stage.
-            recorder: Told everything.
+            recorder: Receives everything that happens.
             moves_scope: Whether the camera arm is controlled; it stands still otherwise.
             locate_target: Returns where in the world the target is, (3,), for its marker; called at every capture.
             images: Whether each image will be asked for, so that it is rendered at once, while physics goes on.

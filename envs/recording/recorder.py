@@ -86,12 +86,12 @@ class Recorder:
 
     @property
     def takes_frames(self) -> bool:
-        """Whether it is told of captured frames."""
+        """Whether it records captured frames."""
         return type(self).frame is not Recorder.frame
 
     @property
     def takes_depth(self) -> bool:
-        """Whether it is told of depth frames."""
+        """Whether it records depth frames."""
         return type(self).depth is not Recorder.depth
 
     def begin(self, theatre: "Theatre", rig: Rig) -> None:
@@ -122,12 +122,12 @@ class CompositeRecorder(Recorder):
 
     @property
     def takes_frames(self) -> bool:
-        """Whether any of them is told of captured frames."""
+        """Whether any of them records captured frames."""
         return any(recorder.takes_frames for recorder in self._recorders)
 
     @property
     def takes_depth(self) -> bool:
-        """Whether any of them is told of depth frames."""
+        """Whether any of them records depth frames."""
         return any(recorder.takes_depth for recorder in self._recorders)
 
     def begin(self, theatre: "Theatre", rig: Rig) -> None:

@@ -80,7 +80,7 @@ _SCENES: BoundedCache[_KeptScene] = BoundedCache(64)
 def scene_of(config: TheatreConfig, seed: int, *, timestep_s: float, solid: TissueMesh | None = None) -> Scene:
     """Return the scene of a configuration and a seed, with a model of its own.
 
-    What was asked for lately is kept: see `laploop.envs.theatre.scene_cache`. The result does not depend on that, to the bit.
+    Recent scenes are cached (`laploop.envs.theatre.scene_cache`); a cached scene equals a newly built one to the bit.
 
     Args:
         config: The theatre; what moves it and what holds the shafts plays no part here.

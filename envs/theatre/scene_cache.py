@@ -1,4 +1,4 @@
-"""Scenes that were built before: a seed that comes back costs a copy, a new one its phantom alone."""
+"""A bounded cache for scenes: a seed that comes back costs a copy, a new one its phantom alone."""
 
 import threading
 from collections import OrderedDict

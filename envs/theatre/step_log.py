@@ -10,6 +10,13 @@ from laploop.envs.theatre.arm import Arm
 from laploop.envs.theatre.trocar import Trocar
 
 
+def distance_from_axis(points: Array, on_axis: Array, axis: Array) -> Array:
+    """Return the distance of points from axes, (...), given a point on each and its unit vector, all (..., 3), metres."""
+    offset = points - on_axis
+    along = (offset * axis).sum(axis=-1, keepdims=True)
+    return np.asarray(np.linalg.norm(offset - along * axis, axis=-1))
+
+
 class StepLog:
     """The physics steps of the newest control period, a row each, in no particular order once it is full.
 
@@ -46,9 +53,7 @@ class StepLog:
     @property
     def rcm_error_m(self) -> Array:
         """(steps, 2): distance of each trocar point from the axis of its shaft."""
-        offset = self._ports - self.tip
-        along = (offset * self.axis).sum(axis=-1, keepdims=True)
-        return np.asarray(np.linalg.norm(offset - along * self.axis, axis=-1))
+        return distance_from_axis(self._ports, self.tip, self.axis)
 
     def reset(self) -> None:
         """Fill all rows with the present state, without forces."""

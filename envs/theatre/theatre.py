@@ -13,7 +13,7 @@ from laploop.envs.theatre.clock_rates import ClockRates
 from laploop.envs.theatre.config import TheatreConfig
 from laploop.envs.theatre.scene import scene_of
 from laploop.envs.theatre.stage import Stage
-from laploop.envs.theatre.step_log import StepLog
+from laploop.envs.theatre.step_log import StepLog, distance_from_axis
 from laploop.envs.theatre.theatre_model import CAMERA_ARM, INSTRUMENT_PREFIX, SCOPE_PREFIX, TISSUE_FLEX, TOOL_ARM
 from laploop.envs.theatre.tissue import Tissue
 from laploop.envs.theatre.trocar import Trocar
@@ -191,9 +191,8 @@ class Theatre:
 
     def rcm_error_m(self, arm: Arm) -> float:
         """Return the distance between an arm's trocar point and the axis of its shaft."""
-        axis = self.data.site_xmat[arm.tip_site].reshape(3, 3)[:, 2]
-        offset = arm.trocar_in_world - self.data.site_xpos[arm.tip_site]
-        return float(np.linalg.norm(offset - (offset @ axis) * axis))
+        pose = self.world_from_shaft(arm)
+        return float(distance_from_axis(arm.trocar_in_world, pose[:3, 3], pose[:3, 2]))
 
     def _summed_contact_force(self) -> Array:
         force = np.zeros(3)

@@ -75,5 +75,5 @@ def test_a_closed_worker_has_no_thread_and_says_what_was_not_computed(timer):
     assert threading.active_count() <= before + 1  # the timer's own thread may still be ending
     assert under_way.wait()
     for pending in (cancelled, never, never):
-        with pytest.raises(SimulationError, match="episode of this frame is over"):
+        with pytest.raises(SimulationError, match="the episode ended before"):
             pending.wait()

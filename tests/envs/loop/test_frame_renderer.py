@@ -195,7 +195,7 @@ def test_threads_end_with_the_environment_and_frames_of_the_past_stay_as_they_ar
     env.close()
     assert threading.active_count() == threads
     assert seen.truth.image.any()
-    with pytest.raises(SimulationError, match="episode of this frame is over"):
+    with pytest.raises(SimulationError, match="the episode ended before"):
         _ = unseen.depth
 
 

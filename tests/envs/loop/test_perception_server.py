@@ -166,5 +166,5 @@ def test_what_was_not_computed_in_its_episode_cannot_be_computed_later(serve):
     server.submit(captured(0, 0))
     (one,) = server.poll(MS)
     server.close()
-    with pytest.raises(SimulationError, match="episode of this frame is over"):
+    with pytest.raises(SimulationError, match="the episode ended before"):
         _ = one.depth

@@ -87,14 +87,18 @@ def test_a_checkout_that_knows_no_fidelity_runs_at_full_and_says_so(monkeypatch)
     assert sample["wall_s"] > 0.0
 
 
-def test_resets_take_a_new_seed_each_time_or_always_the_same(measuring):
-    for new, seeds in ((True, [6, 7]), (False, [5, 5])):
-        resets = measuring(Resets, observation="state", new=new, seed=5)
-        asked = []
-        original = resets._env.reset
-        resets._env.reset = lambda *, seed, asked=asked, original=original: (asked.append(seed), original(seed=seed))
-        assert [resets.block(number)["units"] for number in range(2)] == [1, 1]
-        assert asked == seeds
+def seeds_of(resets):
+    """Return the seeds of two blocks of resets."""
+    asked, original = [], resets._env.reset
+    resets._env.reset = lambda *, seed: (asked.append(seed), original(seed=seed))
+    assert [resets.block(number)["units"] for number in range(2)] == [1, 1]
+    return asked
+
+
+def test_resets_take_a_seed_that_nothing_else_has_used_or_always_the_same(measuring):
+    first, second = (seeds_of(measuring(Resets, observation="state", new=True, seed=5)) for _ in range(2))
+    assert len({5, *first, *second}) == 5
+    assert seeds_of(measuring(Resets, observation="state", new=False, seed=5)) == [5, 5]
 
 
 def test_pictures_are_counted_without_the_physics_between_them(measuring, monkeypatch):
