@@ -22,10 +22,10 @@ class ReachControllerConfig(TouchControllerConfig):
     """How the target is followed."""
     hold_force_n: Annotated[float, Field(gt=0.0, le=10.0)] = 0.04
     """Force kept up while touching steady tissue."""
-    unsteady_force_ns_m: Annotated[float, Field(ge=0.0, le=1000.0)] = 340.0
+    unsteady_force_ns_m: Annotated[float, Field(ge=0.0, le=1000.0)] = 650.0
     """Further force per unsteadiness of the tissue beyond `steady_change_mps`: late depth cannot follow it, and a light touch
-    would be lost. Breathing with a heartbeat of 1 mm comes to about 0.1 N."""
-    steady_change_mps: Annotated[float, Field(ge=0.0, le=1.0)] = 0.00065
+    would be lost. Breathing with a heartbeat of 1 mm comes to 0.08 to 0.14 N."""
+    steady_change_mps: Annotated[float, Field(ge=0.0, le=1.0)] = 0.00072
     """Unsteadiness that `hold_force_n` bears: root mean square of how the tissue's speed changes from one depth frame to the
     next, measurement noise included. Breathing of 10 mm has 0.3 to 0.6 mm/s, with a heartbeat of 1 mm 0.8 to 1."""
     unsteady_s: Annotated[float, Field(gt=0.0, le=60.0)] = 1.5
