@@ -35,6 +35,8 @@ class DepthEstimate:
     """(height, width), z-depth; always finite, undefined where `valid` is False."""
     valid: NDArray[np.bool_]
     """(height, width), where the estimator marks its depth valid."""
+    confidence: NDArray[np.float32] | None = None
+    """(height, width), probability of being within 1 mm, where the estimator has one."""
 
     def __post_init__(self) -> None:
         arrays: dict[str, object] = {"depth_mm": self.depth_mm, "valid": self.valid}

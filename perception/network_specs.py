@@ -18,7 +18,7 @@ from laploop.perception.networks.configs import (
     VqVaeConfig,
 )
 from laploop.perception.training.options import CompactOptions, DualUNetOptions, SsleOptions, SslePhaseOptions, TrainingOptions
-from laploop.perception.training.settings import DualUNetTraining, Schedule, SsleLoss, SslePhaseTraining, SsleTraining
+from laploop.perception.training.settings import DualUNetTraining, PhaseTraining, Schedule, SsleLoss, SslePhaseTraining, SsleTraining
 from laploop.registry import Registry
 
 
@@ -77,8 +77,9 @@ SHIPPED = (
         name="compact",
         sizes={"small": CompactConfig(), "tiny": CompactConfig(widths=(8, 8))},
         network="laploop.perception.networks.compact_unet:CompactUNet",
-        estimator="laploop.perception.estimators.network:ScaleEstimator",
-        outputs=("depth_mm", "log_scale"),
+        estimator="laploop.perception.estimators.network:PhaseNetworkEstimator",
+        outputs=("depth_mm", "confidence", "slip"),
+        trainings={"small": PhaseTraining(), "tiny": PhaseTraining()},
         options=CompactOptions,
         train="laploop.perception.training.compact:train_compact",
     ),
@@ -86,11 +87,11 @@ SHIPPED = (
         name="ssle-phase",
         sizes={
             "small": SslePhaseConfig(),
-            "tiny": SslePhaseConfig(reader_widths=(8, 8), reader_fine_width=8, refiner_widths=(8, 8)),
+            "tiny": SslePhaseConfig(reader=CompactConfig(widths=(8, 8)), refiner_widths=(8, 8)),
         },
         network="laploop.perception.networks.ssle_phase:SslePhase",
-        estimator="laploop.perception.estimators.network:ScaleEstimator",
-        outputs=("depth_mm", "log_scale"),
+        estimator="laploop.perception.estimators.network:PhaseNetworkEstimator",
+        outputs=("depth_mm", "confidence", "slip"),
         trainings={"small": SslePhaseTraining(), "tiny": SslePhaseTraining()},
         options=SslePhaseOptions,
         train="laploop.perception.training.ssle_phase:train_ssle_phase",

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from laploop.errors import InvalidValueError
+from laploop.errors import InvalidValueError, check_range
 from laploop.perception.estimators.base import check_image
 from laploop.perception.estimators.freed_memory import keep_freed_memory
 from laploop.perception.geometry import Rig
@@ -65,39 +65,57 @@ class NetworkEstimator(ABC):
             output = self._network(torch.from_numpy(image.astype(np.float32))[None].to(self._device), *self._context)
             depth_mm: NDArray[np.float32] = output.depth_mm[0].float().cpu().numpy()
             valid: NDArray[np.bool_] = self.valid(output)[0].cpu().numpy()
-        return DepthEstimate(depth_mm=depth_mm, valid=valid)
+            confidence = self.confidence(output)
+        return DepthEstimate(
+            depth_mm=depth_mm, valid=valid, confidence=None if confidence is None else confidence[0].float().cpu().numpy()
+        )
 
     @abstractmethod
     def valid(self, output: Any) -> Tensor:
         """Return where the depth of the network's output is valid, (B, height, width)."""
 
+    def confidence(self, output: Any) -> Tensor | None:  # noqa: ARG002 - for networks that know it
+        """Return the probability of being within 1 mm, (B, height, width); None where the network does not say."""
+        return None
 
-class ScaleEstimator(NetworkEstimator):
-    """Marks valid where the network expects to be near enough: where its Laplace scale is at most `max_scale_mm`."""
+
+class PhaseNetworkEstimator(NetworkEstimator):
+    """Marks valid what lies in the working range and is hardly a slip; gives a confidence."""
 
     def __init__(
         self,
         rig: Rig,
         network: DepthNetwork,
         *,
-        max_scale_mm: float = 2.0,
+        max_slip: float = 0.05,
         device: str = "cpu",
         precision: Precision = "auto",
     ) -> None:
-        """Take over a network that gives a `log_scale`; further arguments are those of `NetworkEstimator`.
+        """Take over a network whose output is a `PhaseOutput`; further arguments are those of `NetworkEstimator`.
+
+        Args:
+            rig: See `NetworkEstimator`.
+            network: The network.
+            max_slip: Largest probability of a slip with which a pixel is valid.
+            device: See `NetworkEstimator`.
+            precision: See `NetworkEstimator`.
 
         Raises:
-            InvalidValueError: If `max_scale_mm` is not above 0; further errors are those of `NetworkEstimator`.
+            InvalidValueError: If `max_slip` is not from 0 to 1; further errors are those of `NetworkEstimator`.
         """
-        if not 0.0 < max_scale_mm < math.inf:
-            raise InvalidValueError("max_scale_mm", max_scale_mm, "a finite number above 0")
+        check_range("max_slip", max_slip, 0.0, 1.0)
         super().__init__(rig, network, device=device, precision=precision)
-        self._max_scale_mm = max_scale_mm
+        self._max_slip = max_slip
 
     def valid(self, output: Any) -> Tensor:
-        """Return where the predicted scale is small enough."""
-        small: Tensor = output.log_scale.exp() <= self._max_scale_mm
-        return small
+        """Return where the depth lies in the working range and a slip is unlikely."""
+        valid: Tensor = output.valid(self._max_slip)
+        return valid
+
+    def confidence(self, output: Any) -> Tensor:
+        """Return the probability of being within 1 mm."""
+        confidence: Tensor = output.confidence
+        return confidence
 
 
 class MaskEstimator(NetworkEstimator):

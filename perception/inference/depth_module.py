@@ -9,8 +9,8 @@ from torch.nn.utils.fusion import fuse_conv_bn_eval
 
 from laploop.errors import InvalidValueError
 
-OUTPUTS = ("depth_mm", "log_scale")
-"""Outputs that a network may have, in this order; the second only if it predicts the scale of its error."""
+OUTPUTS = ("depth_mm", "confidence", "slip")
+"""Outputs that a network may have, in this order; all but the first only if it knows how far its depth can be trusted."""
 
 Context = Any
 """A dataclass of tensors (or tuples of tensors) that a network is called with beside the image."""
@@ -27,7 +27,7 @@ class DepthModule(nn.Module):
 
         Args:
             network: Called with images (B, height, width), grey values 0-255 in float32, and the context where there is one;
-                returns an object with `depth_mm` and perhaps `log_scale`, each (B, height, width).
+                returns an object with `depth_mm`, and perhaps `confidence` and `slip`, each (B, height, width).
             context: What the network needs beside the image, a dataclass of tensors.
             outputs: Names of the tensors to return.
 

@@ -1,5 +1,6 @@
 """Depth networks made from their entries, with trained weights or without."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import torch
@@ -41,8 +42,8 @@ def trained_module(name: str, rig: Rig, weights: Path | None = None) -> DepthMod
 def build_network(spec: NetworkSpec, rig: Rig, config: NetworkConfig) -> DepthNetwork:
     """Make a network with random weights for the images of a rig; refuses images of another size than its own."""
     config.check_image("the rig", (rig.camera.height, rig.camera.width))
-    kind: type[DepthNetwork] = spec.imported(spec.network)
-    return kind.for_rig(rig, config)
+    make: Callable[[NetworkConfig], DepthNetwork] = spec.imported(spec.network)
+    return make(config)
 
 
 def load_network(spec: NetworkSpec, rig: Rig, weights: Path | None = None) -> DepthNetwork:

@@ -64,39 +64,43 @@ class SizedNetworkConfig(NetworkConfig):
 
 
 @configuration
-class CompactConfig(NetworkConfig):
+class CompactConfig(SizedNetworkConfig):
     """Sizes of `compact`."""
 
-    form: ClassVar[str] = "laploop-compact-2"
-    widths: tuple[Channels, ...] = (32, 48, 64, 96, 128)
-    """Channels of each level, from half the image's size down by powers of two."""
+    form: ClassVar[str] = "laploop-compact-3"
     windows: Windows = ((0.6, 2.0), (0.35, 1.0))
-    """Demodulation windows: standard deviation along x in periods and along y in pixels. The first is the base."""
+    """Demodulation windows: standard deviation along x in periods and along y in pixels. The first gives the phase."""
+    widths: tuple[Channels, ...] = (16, 48, 64, 96, 128)
+    """Channels of each level, from half the image's size down by powers of two. The first costs most of the time."""
 
     def __post_init__(self) -> None:
         _check_levels("widths", self.widths)
         _check_levels("windows", self.windows, least=1)
+        self.check_multiple(2 ** len(self.widths))
 
 
 @configuration
-class SslePhaseConfig(SizedNetworkConfig):
+class SslePhaseConfig(NetworkConfig):
     """Sizes of `ssle-phase`."""
 
-    form: ClassVar[str] = "laploop-ssle-phase-2"
-    windows: Windows = ((0.6, 2.0), (0.35, 1.0), (1.0, 5.0))
-    """Demodulation windows: standard deviation along x in periods and along y in pixels. The first gives the phase."""
-    reader_widths: tuple[Channels, ...] = (32, 48, 64, 96, 128)
-    """Channels of each level of the reader, from half the image's size down by powers of two."""
-    reader_fine_width: Channels = 32
-    """Channels that read the second demodulation."""
+    form: ClassVar[str] = "laploop-ssle-phase-3"
+    reader: CompactConfig = CompactConfig()
+    """The first part."""
     refiner_widths: tuple[Channels, ...] = (48, 64, 96, 128, 160)
-    """Channels of each level of the refiner."""
+    """Channels of each level of the refiner, from half the image's size down by powers of two."""
 
     def __post_init__(self) -> None:
-        _check_levels("windows", self.windows, least=1)
-        for name, widths in (("reader_widths", self.reader_widths), ("refiner_widths", self.refiner_widths)):
-            _check_levels(name, widths)
-        self.check_multiple(max(2 ** max(len(self.reader_widths), len(self.refiner_widths)), 16))
+        _check_levels("refiner_widths", self.refiner_widths)
+        # The refiner smooths over squares of 16 pixels.
+        self.reader.check_multiple(max(2 ** len(self.refiner_widths), 16))
+
+    def for_image(self, height: int, width: int) -> Self:
+        """Return the same network for images of another size."""
+        return replace(self, reader=self.reader.for_image(height, width))
+
+    def check_image(self, whose: str, size: tuple[int, int]) -> None:
+        """Refuse images (height, width) of another size than the network's."""
+        self.reader.check_image(whose, size)
 
 
 @configuration

@@ -7,8 +7,7 @@ from typing import Any, Literal, Protocol
 
 from laploop.configuration import configuration
 from laploop.errors import InvalidValueError
-from laploop.perception.networks.configs import CompactConfig
-from laploop.perception.training.settings import CompactTraining, Count, Rate, Schedule, Seed
+from laploop.perception.training.settings import Count, Rate, Schedule, Seed
 
 Named = Mapping[str, Any]
 """Configurations by the name of the size."""
@@ -25,17 +24,6 @@ class TrainingOptions(Protocol):
     def chosen(self, networks: Named, trainings: Named) -> dict[str, Any]:
         """Return the arguments of the network's training by name: `config`, `training`, and what it alone takes."""
         ...
-
-
-@configuration
-class CompactOptions(CompactTraining):
-    """Options of `compact`: its training and its sizes, field by field."""
-
-    network: CompactConfig = CompactConfig()
-
-    def chosen(self, networks: Named, trainings: Named) -> dict[str, Any]:  # noqa: ARG002 - the defaults are those of its only size
-        """Return the arguments of the training by name."""
-        return {"config": self.network, "training": self}
 
 
 @configuration
@@ -62,6 +50,19 @@ class StageOptions:
     def earlier(self, schedule: Schedule, epochs: int | None) -> Schedule:
         """Return the schedule of an earlier stage with these options."""
         return schedule.changed(seed=self.seed, epochs=epochs, batch=self.batch, accumulate=self.accumulate)
+
+
+@configuration
+class CompactOptions(StageOptions):
+    """Options of `compact`."""
+
+    size: Literal["small", "tiny"] = "small"
+    """`small` is the usual one, `tiny` for a try."""
+
+    def chosen(self, networks: Named, trainings: Named) -> dict[str, Any]:
+        """Return the arguments of the training by name."""
+        usual = trainings[self.size]
+        return {"config": networks[self.size], "training": replace(usual, schedule=self.last(usual.schedule))}
 
 
 @configuration
@@ -102,7 +103,7 @@ class SslePhaseOptions(StageOptions):
     reader_epochs: Count | None = None
     """Of the first stage."""
     reader: Path | None = None
-    """Weights of a trained first stage, which is then not trained again."""
+    """Weights of a trained `compact`, which is then the first stage and not trained again."""
     start: Path | None = None
     """Weights of a trained network to go on from: its first stage stays as it is, its last learns on."""
 
@@ -115,5 +116,7 @@ class SslePhaseOptions(StageOptions):
     def chosen(self, networks: Named, trainings: Named) -> dict[str, Any]:
         """Return the arguments of the training by name."""
         usual = trainings[self.size]
-        training = replace(usual, refiner=self.last(usual.refiner), reader=self.earlier(usual.reader, self.reader_epochs))
+        reader = replace(usual.reader, schedule=self.earlier(usual.reader.schedule, self.reader_epochs))
+        refiner = replace(usual.refiner, schedule=self.last(usual.refiner.schedule))
+        training = replace(usual, reader=reader, refiner=refiner)
         return {"config": networks[self.size], "training": training, "reader": self.reader, "start": self.start}

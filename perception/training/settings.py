@@ -12,6 +12,7 @@ Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Rate = Annotated[float, Field(gt=0.0, le=10.0)]
 Weight = Annotated[float, Field(ge=0.0, le=1e6)]
 GainRange = Annotated[float, Field(ge=0.0, lt=1.0)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Beta = Annotated[float, Field(ge=0.0, lt=1.0)]
 
 
@@ -100,43 +101,6 @@ class Machine:
 
 
 @configuration
-class CompactTraining:
-    """The training of `compact`."""
-
-    epochs: Count = 36
-    """May be changed on resume: the learning rate follows the fraction of the epochs that is done."""
-    batch: Count = 8
-    learning_rate: Rate = 2e-3
-    """At the start of the cosine, which ends at a hundredth of it."""
-    warmup_steps: Annotated[int, Field(ge=0, le=1_000_000)] = 200
-    weight_decay: Annotated[float, Field(ge=0.0, le=1.0)] = 1e-4
-    l1_weight: Weight = 0.3
-    """Weight of the absolute error in millimetres beside the Laplace likelihood, which cares little for the worst pixels."""
-    gain_range: GainRange = 0.15
-    """Images are made brighter or darker by up to this fraction."""
-    bfloat16: bool = True
-    """Convolutions in bfloat16; halves the time of a step where the processor has instructions for it."""
-    seed: Seed = 0
-    """Decides the first weights, the order and the augmentation."""
-
-    @property
-    def schedule(self) -> Schedule:
-        """The schedule of its only stage."""
-        return Schedule(
-            epochs=self.epochs,
-            batch=self.batch,
-            learning_rate=self.learning_rate,
-            final_learning_rate=0.01 * self.learning_rate,
-            per_step=True,
-            warmup_steps=self.warmup_steps,
-            weight_decay=self.weight_decay,
-            clip_norm=5.0,
-            bfloat16=self.bfloat16,
-            seed=self.seed,
-        )
-
-
-@configuration
 class SsleLoss:
     """Weights that the paper names without a value; each default is a choice of ours."""
 
@@ -201,22 +165,27 @@ def _muon(epochs: int) -> Schedule:
 
 
 @configuration
+class PhaseTraining:
+    """The training of a network that reads the stripes' phase; see `phase_loss`."""
+
+    schedule: Schedule = _muon(epochs=12)
+    l1_weight: Weight = 0.3
+    """Weight of the absolute error in millimetres beside the Laplace likelihood, which cares little for the worst pixels."""
+    slip_weight: Weight = 3.0
+    """Weight of the cross-entropy of being a slip; slips are rare, and each of them counts."""
+    within_weight: Weight = 0.3
+    """Weight of the cross-entropy of being within 1 mm."""
+    gain_range: GainRange = 0.15
+    """Images are made brighter or darker by up to this fraction."""
+    painted_share: Share = 0.4
+    """Fraction of the images that get a further texture."""
+    max_slip: Share = 0.05
+    """In validation, a pixel is valid where its predicted probability of being a slip is at most this."""
+
+
+@configuration
 class SslePhaseTraining:
     """The training of `ssle-phase` in its two stages."""
 
-    reader: Schedule = _muon(epochs=12)
-    refiner: Schedule = _muon(epochs=12)
-    l1_weight: Weight = 0.5
-    """Weight of the absolute error in millimetres beside the Laplace likelihood, which cares little for the worst pixels;
-    that of the depth before the reader's second demodulation too."""
-    coarse_weight: Weight = 10.0
-    """Weight of the coarse depth's error, the difference of logarithms: this is what picks the stripe order."""
-    gain_range: GainRange = 0.15
-    """Images are made brighter or darker by up to this fraction."""
-    variants: Annotated[int, Field(ge=1, le=1000)] = 2
-    """Of a frame, mirrored or not, each with its gain; the refiner's training keeps their readings in memory, 0.4 MB each."""
-    norm_momentum: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
-    """Weight of a batch in the running statistics of the refiner's normalisation. With torch's own, 0.1, they are those of the
-    last ten batches, by whose chance the error of validation varied by a twentieth."""
-    max_scale_mm: Annotated[float, Field(gt=0.0, le=1000.0)] = 2.0
-    """In validation, a pixel is valid where its predicted scale is at most this."""
+    reader: PhaseTraining = PhaseTraining()
+    refiner: PhaseTraining = PhaseTraining(schedule=_muon(epochs=8))

@@ -13,16 +13,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from laploop.perception.networks.additive_unet import AdditiveUNet
-from laploop.perception.networks.ssle_phase_front import (
-    REFERENCE_M,
-    PhaseFeatures,
-    PhaseFilters,
-    PhaseFrontEnd,
-    limit_turns,
-    turn_back,
-)
+from laploop.perception.networks.phase_front import REFERENCE_M, PhaseFeatures, PhaseFilters, PhaseFrontEnd, turn_back
+from laploop.perception.networks.phase_reader import PhaseReading
+from laploop.perception.networks.stripe_order import limit_turns
 
-_MAPS = 4
+_MAPS = 5
 _RELIEF_PX = 16
 """Side of the squares whose mean the reading's relief is relative to."""
 _RELIEF_GAIN = 20.0
@@ -38,30 +33,29 @@ class PhaseRefiner(nn.Module):
         self.trunk = AdditiveUNet(_channels(front), widths)
         self.head = nn.Conv2d(widths[0], 4 * _MAPS, 3, padding=1)
         with torch.no_grad():
-            # Starts as the reading: no step, gate open at 0.95, its scale.
+            # Starts as the reading: no step, gate open at 0.95, its scale and its odds of a slip.
             self.head.weight.mul_(0.1)
-            self.head.bias = nn.Parameter(torch.tensor([0.0] * 4 + [3.0] * 4 + [0.0] * 8))
+            self.head.bias = nn.Parameter(torch.tensor([0.0] * 4 + [3.0] * 4 + [0.0] * 12))
 
-    def forward(
-        self, seen: PhaseFeatures, turns: Tensor, log_scale: Tensor, front: PhaseFrontEnd, filters: PhaseFilters
-    ) -> tuple[Tensor, Tensor]:
-        """Correct turns of phase and the natural logarithm of their scale in turns, both (B, height, width).
-
-        No gradient goes into them.
-        """
-        first, metre = turns.detach(), filters.turns_metre
+    def forward(self, seen: PhaseFeatures, reading: PhaseReading, front: PhaseFrontEnd, filters: PhaseFilters) -> PhaseReading:
+        """Correct a reading; no gradient goes into it."""
+        first, metre = reading.turns.detach(), filters.turns_metre
         with torch.no_grad(), torch.autocast(device_type=first.device.type, enabled=False):
-            features = self._features(seen, first, log_scale, front, filters)
+            features = self._features(seen, reading, front, filters)
         level = self.trunk(features.contiguous(memory_format=torch.channels_last))
-        step, gate, free, log_factor = functional.pixel_shuffle(self.head(level).float(), 2).unbind(dim=1)
+        step, gate, free, log_factor, odds = functional.pixel_shuffle(self.head(level).float(), 2).unbind(dim=1)
         trust = torch.sigmoid(gate)
         elsewhere = metre / REFERENCE_M * torch.exp(-free.clamp(-1.8, 1.15))
         better = trust * (first + _STEP_TURNS * step) + (1.0 - trust) * elsewhere
-        return limit_turns(better, metre), log_scale.detach() + log_factor
+        return PhaseReading(
+            turns=limit_turns(better, metre),
+            coarse_turns=elsewhere,
+            log_scale=reading.log_scale.detach() + log_factor,
+            slip_logit=reading.slip_logit.detach() + odds,
+        )
 
-    def _features(
-        self, seen: PhaseFeatures, turns: Tensor, log_scale: Tensor, front: PhaseFrontEnd, filters: PhaseFilters
-    ) -> Tensor:
+    def _features(self, seen: PhaseFeatures, reading: PhaseReading, front: PhaseFrontEnd, filters: PhaseFilters) -> Tensor:
+        turns = reading.turns
         turned = turn_back(seen.products, turns)
         angle = 2.0 * math.pi * turns
         # The carrier turned the same way: where on its stripe a pixel lies.
@@ -78,10 +72,11 @@ class PhaseRefiner(nn.Module):
         smooth = functional.interpolate(mean, scale_factor=float(_RELIEF_PX), mode="bilinear")[:, 0]
         relief = (_RELIEF_GAIN * (nearness - smooth)).clamp(-3.0, 3.0)
         fine = torch.cat([seen.normal[:, None], turned, stripe, nearness[:, None], relief[:, None]], dim=1)
+        doubts = torch.stack([reading.log_scale + 4.0, reading.slip_logit.clamp(-8.0, 8.0) / 4.0], dim=1)
         return torch.cat(
             [
                 functional.pixel_unshuffle(fine, 2),
-                functional.avg_pool2d(torch.cat([seen.levels, log_scale[:, None] + 4.0], dim=1), 2),
+                functional.avg_pool2d(torch.cat([seen.levels, doubts], dim=1), 2),
                 front.demodulate(turned, filters),
                 filters.maps,
             ],
@@ -90,4 +85,4 @@ class PhaseRefiner(nn.Module):
 
 
 def _channels(front: PhaseFrontEnd) -> int:
-    return 7 * 4 + 3 + 3 * front.windows + front.MAPS
+    return 7 * 4 + 4 + 3 * front.windows + front.MAPS

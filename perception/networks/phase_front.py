@@ -1,4 +1,4 @@
-"""The fixed part of `ssle-phase`: demodulation of stripes whose geometry is an input, one rig a sample.
+"""The fixed part of `compact` and `ssle-phase`: demodulation of stripes whose geometry is an input, one rig a sample.
 
 Nothing here is learned and nothing is kept: carrier, windows and maps are computed from the rigs of the batch, with the same
 formulas as `StripeCarrier`, so that one network serves every stripe count, phase, duty, baseline and focal length.
@@ -15,15 +15,13 @@ from torch.nn import functional
 from laploop.errors import InvalidValueError
 from laploop.perception.carrier import gaussian_matrix
 from laploop.perception.geometry import Rig
+from laploop.perception.networks.stripe_order import choose_order
 
 RIG_NUMBERS = 9
 """Numbers that describe a rig's geometry, all but the size of its image."""
 
 REFERENCE_M = 0.090
-"""Depth around which the turn of the first guess is chosen."""
-
-DEPTH_RANGE_M = (0.0145, 0.289)
-"""Range of depth that the network can express."""
+"""Depth next to which the order of the first guess lies."""
 
 _MEAN_PERIODS, _MEAN_ROWS = 0.8, 4.0
 _CUT = 1e-5
@@ -178,7 +176,7 @@ class PhaseFrontEnd(nn.Module):
         fraction = -torch.atan2(wave[:, 1], wave[:, 0]) / (2.0 * math.pi)
         reference = filters.turns_metre / REFERENCE_M
         # In units of inverse depth, 0 at the reference: the same number means the same depth on every rig.
-        nearness = nearest_turn(fraction, reference) / reference - 1.0
+        nearness = choose_order(fraction, reference, filters.turns_metre) / reference - 1.0
         saturated = (image >= 253.0).to(image.dtype)
         levels = torch.stack([torch.log(mean + 4.0) - 4.0, saturated], dim=1)
         fine = torch.cat([normal[:, None], turn_back(products, fraction), nearness[:, None]], dim=1)
@@ -213,18 +211,6 @@ class PhaseFrontEnd(nn.Module):
         per_turn = REFERENCE_M / rigs.turns_metre - 1.0
         numbers = [ray_x, ray_y, border, per_turn, rigs.period_px / 12.0 - 1.0]
         return torch.stack([number.expand(-1, self.height // 2, self.width // 2) for number in numbers], dim=1)
-
-
-def nearest_turn(fraction: Tensor, expected: Tensor) -> Tensor:
-    """Return the turns with this fraction that lie nearest to the expected ones; the whole number has no gradient."""
-    whole = torch.round(expected - fraction).detach()
-    return fraction + whole
-
-
-def limit_turns(turns: Tensor, turns_metre: Tensor) -> Tensor:
-    """Return the turns cut to those of `DEPTH_RANGE_M`."""
-    nearest, farthest = turns_metre / DEPTH_RANGE_M[0], turns_metre / DEPTH_RANGE_M[1]
-    return torch.minimum(torch.maximum(turns, farthest), nearest)
 
 
 def turn_back(products: Tensor, turns: Tensor) -> Tensor:

@@ -1,0 +1,112 @@
+"""Common part of the trainings of networks that read the stripes' phase: augmentation, loss, validation."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from laploop.configuration import to_plain
+from laploop.perception.data.datasets import DepthDataset
+from laploop.perception.networks.depth_network import PhaseOutput
+from laploop.perception.networks.phase_front import RigBatch, rig_numbers
+from laploop.perception.training.augmentation import painted
+from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, flip_and_gain
+from laploop.perception.training.settings import PhaseTraining
+from laploop.perception.working_range import WORKING_RANGE_MM
+
+_LEARNED_MM = (56.0, 160.0)
+"""Depths are learned a little beyond the working range, so that its borders are no borders of what is known."""
+_SLIP = 0.1
+"""Relative error from which a depth is a slip."""
+_WITHIN_MM = 1.0
+
+
+class PhaseRecipe(Recipe):
+    """Every sample brings its rig."""
+
+    def __init__(self, training: PhaseTraining) -> None:
+        self.training = training
+        self.schedule = training.schedule
+        self.gain_range = training.gain_range
+        plain = to_plain(training)
+        # Its length may be changed on resume.
+        del plain["schedule"]
+        self.settings = plain
+
+    def extras(self, dataset: DepthDataset, index: int) -> Sample:
+        """Return the numbers of the frame's rig."""
+        return {"rig": np.array(rig_numbers(dataset.rig(index)))}
+
+    def augment(self, sample: Sample, rng: np.random.Generator) -> Sample:
+        """Mirror top to bottom, for which a rig with a centred camera stays the same, change the gain, and paint on some."""
+        changed = flip_and_gain(sample, rng, self.gain_range)
+        return painted(changed, rng) if rng.random() < self.training.painted_share else changed
+
+    def adam_layers(self) -> Iterable[nn.Module]:
+        """Return the output layers."""
+        return [module for name, module in self.network.named_modules() if name.rpartition(".")[2] == "head"]
+
+    def loss(self, batch: Batch, progress: float) -> Loss:  # noqa: ARG002 - the weights do not change
+        """Return `phase_loss`."""
+        return phase_loss(self.run(batch), batch["depth_mm"], self.training)
+
+    def predict(self, batch: Batch) -> Prediction:
+        """Return the depth, valid where a slip is unlikely."""
+        output = self.run(batch)
+        return Prediction(depth_mm=output.depth_mm, valid=output.valid(self.training.max_slip))
+
+    def truth_mm(self, batch: Batch) -> Tensor:
+        """Return the truth in the working range."""
+        truth = batch["depth_mm"]
+        return torch.where(_between(truth, WORKING_RANGE_MM), truth, torch.nan)
+
+    def run(self, batch: Batch) -> PhaseOutput:
+        """Run the network on a batch."""
+        with self.autocast(batch["image"].device):
+            output: PhaseOutput = self.network(batch["image"], rigs_of(batch))
+        return output
+
+
+def rigs_of(batch: Batch) -> RigBatch:
+    """Return the rigs of a batch."""
+    return RigBatch(values=batch["rig"].to(torch.float64))
+
+
+def phase_loss(output: PhaseOutput, truth_mm: Tensor, training: PhaseTraining) -> Loss:
+    """Return the loss of a batch; NaN in the truth, (B, height, width), means that there is nothing.
+
+    The sum of
+
+    - the negative log-likelihood of a Laplace distribution, |error| / scale + ln(scale), where the depth is no slip,
+    - the absolute error in millimetres where depth is learned,
+    - the cross-entropy of being a slip, over all pixels,
+    - the cross-entropy of being within 1 mm, where the depth is no slip.
+    """
+    known, working = _between(truth_mm, _LEARNED_MM), _between(truth_mm, WORKING_RANGE_MM)
+    truth = torch.where(known, truth_mm, 100.0)
+    error = (output.depth_mm - truth).abs()
+    slipped = ~working | (error.detach() > _SLIP * truth)
+    likelihood = error * torch.exp(-output.log_scale) + output.log_scale
+    within = functional.binary_cross_entropy_with_logits(
+        output.within_logit, (error.detach() <= _WITHIN_MM).to(error.dtype), reduction="none"
+    )
+    slip = functional.binary_cross_entropy_with_logits(output.slip_logit, slipped.to(error.dtype))
+    absolute = _mean(error, known)
+    total = (
+        _mean(likelihood, known & (error.detach() <= _SLIP * truth))
+        + training.l1_weight * absolute
+        + training.slip_weight * slip
+        + training.within_weight * _mean(within, ~slipped)
+    )
+    return Loss(total=total, parts={"mae_mm": absolute, "slip": slip})
+
+
+def _between(depth_mm: Tensor, span: tuple[float, float]) -> Tensor:
+    return (depth_mm >= span[0]) & (depth_mm <= span[1])
+
+
+def _mean(values: Tensor, mask: Tensor) -> Tensor:
+    """Return the mean under the mask, 0 where it is empty."""
+    return (values * mask.to(values.dtype)).sum() / mask.sum().clamp(min=1)
