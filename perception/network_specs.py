@@ -18,7 +18,14 @@ from laploop.perception.networks.configs import (
     VqVaeConfig,
 )
 from laploop.perception.training.options import CompactOptions, DualUNetOptions, SsleOptions, SslePhaseOptions, TrainingOptions
-from laploop.perception.training.settings import DualUNetTraining, PhaseTraining, Schedule, SsleLoss, SslePhaseTraining, SsleTraining
+from laploop.perception.training.settings import (
+    DualUNetTraining,
+    PhaseTraining,
+    Schedule,
+    SsleLoss,
+    SslePhaseTraining,
+    SsleTraining,
+)
 from laploop.registry import Registry
 
 

@@ -184,7 +184,7 @@ class PhaseFrontEnd(nn.Module):
             functional.pixel_unshuffle(fine, 2),
             functional.avg_pool2d(levels, 2),
             self.demodulate(products, filters),
-            filters.maps,
+            filters.maps.expand(len(image), -1, -1, -1),
         ]
         return PhaseFeatures(
             features=torch.cat(features, dim=1), products=products, fraction=fraction, normal=normal, levels=levels

@@ -78,7 +78,7 @@ class PhaseRefiner(nn.Module):
                 functional.pixel_unshuffle(fine, 2),
                 functional.avg_pool2d(torch.cat([seen.levels, doubts], dim=1), 2),
                 front.demodulate(turned, filters),
-                filters.maps,
+                filters.maps.expand(len(turns), -1, -1, -1),
             ],
             dim=1,
         )
