@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from laploop.assets.phantom_import.phantom_mesh import load_phantom
+from laploop.control.controllers.base import TaskController
 from laploop.control.controllers.registry import make_controller
 from laploop.control.messages import TipController
 from laploop.envs.episode_config import OWN, EpisodeConfig
@@ -72,6 +73,8 @@ def run_episode(
                 velocity = checked_command(controller.command(env.control_input()))
             _, _, terminated, truncated, info = env.step(velocity.astype(np.float32))
             finished = terminated or truncated
+            if isinstance(controller, TaskController):
+                info["depth_jump_fraction"] = controller.depth_jump_fraction
             infos.append(info)
             if progress is not None:
                 progress(info["sim_s"])
@@ -113,6 +116,8 @@ def _summary(config: EpisodeConfig, env: TaskEnv[Any], infos: list[dict[str, Any
         "limits": asdict(env.loop.watch.worst),
         "depth_mae_mm": float(np.nanmean([info["depth_mae_mm"] for info in infos])),
         "depth_valid_fraction": float(np.mean([info["depth_valid_fraction"] for info in infos])),
+        # Of the target's surroundings; 0 for a controller that does not say.
+        "depth_jump_fraction": {"max": max(info.get("depth_jump_fraction", 0.0) for info in infos)},
         "depth_age_ms": {"mean": float(np.mean(ages)), "p99": float(np.percentile(ages, 99))},
         "stage_ms": env.loop.timer.median_ms(),
     }

@@ -70,6 +70,11 @@ class TaskController(ABC, Generic[ConfigT]):
         """What is known of the target, from the last tick."""
         return self._target
 
+    @property
+    def depth_jump_fraction(self) -> float:
+        """Fraction of the target's surroundings whose depth jumped in the newest frame and was rejected."""
+        return self._targeting.jumped_fraction
+
     def reset(self) -> None:
         """Forget everything; a new episode begins."""
         self._targeting.reset()

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 
 from laploop.arrays import Array
 from laploop.configuration import Field, configuration
@@ -38,6 +39,14 @@ class TargetingConfig:
     """Maximum number of points of the neighbourhood that are followed."""
     min_track_points: Annotated[int, Field(ge=6, le=100_000)] = 24
     """Minimum number of them that must be seen for a frame to count."""
+    jump_speed_mps: Annotated[float, Field(gt=0.0, le=10.0)] = 0.1
+    """A point whose depth differs from what is expected by more than tissue can move at this speed since the last measurement,
+    beyond `jump_noise_m`, is rejected: a network that slips by a stripe is off by 17 mm at 60 mm and by more farther away.
+    Breathing and heartbeat stay below 0.02 m/s, and tissue that an instrument pushes or lets go below 0.1 m/s."""
+    jump_noise_m: Annotated[float, Field(ge=0.0, le=0.1)] = 0.004
+    """Difference that the depth's own error accounts for."""
+    jump_limit_m: Annotated[float, Field(gt=0.0, le=1.0)] = 0.012
+    """Difference that is rejected however long the last measurement is ago: a slip that stays is no less wrong."""
     iterations: Annotated[int, Field(ge=1, le=100)] = 2
     """Passes over the displacement, which decides which pixels show the points."""
     outline: ToolOutline = Field(default_factory=ToolOutline)
@@ -99,7 +108,7 @@ class Targeting:
     breathing seen from straight above, and across it only as a marker on the target shows. In each later frame the reference
     points are moved by the displacement expected, looked up where they would then appear, and the median of what is
     missing corrects the displacement. Points that the tool covers, or that it keeps from the projector's light, do not take
-    part: their depth is not the tissue's.
+    part: their depth is not the tissue's. Nor do points whose depth jumps.
     """
 
     def __init__(self, rig: Rig, config: TargetingConfig | None = None, predictor: MotionPredictor | None = None) -> None:
@@ -128,6 +137,7 @@ class Targeting:
         self._points = np.zeros((0, 3))
         self._nearest_depth = 0.0
         self._newest_ns = -1
+        self._jumped_fraction = 0.0
         self._world_from_reference = np.eye(4)
         self._tool.reset()
 
@@ -135,6 +145,11 @@ class Targeting:
     def reference(self) -> SurfacePatch | None:
         """The target in the frame that became the reference, or None before."""
         return self._patch
+
+    @property
+    def jumped_fraction(self) -> float:
+        """Fraction of the points seen in the newest frame that were rejected, since their depth jumped."""
+        return self._jumped_fraction
 
     def update(self, state: ControlInput) -> Target | None:
         """Take in what is known at a control tick; return the target, or None as long as no frame has shown it.
@@ -225,16 +240,28 @@ class Targeting:
         expected = self._motion.expected_at(frame.captured_ns)
         displacement = float(expected[2])
         points = transform_points(camera_from_reference, self._points + expected)
-        in_sight = ~self._tool.hidden(points, frame.captured_ns, state.trocar_in_camera)
+        followed = ~self._tool.hidden(points, frame.captured_ns, state.trocar_in_camera)
+        followed &= ~self._jumped(points, followed, frame)
         for _ in range(self._config.iterations):
             measured, seen = sample_depth(frame, self._rig.camera, points)
-            missing = (measured - points[:, 2])[seen & in_sight]
+            missing = (measured - points[:, 2])[seen & followed]
             if missing.size < self._config.min_track_points:
                 return None
             correction = float(np.median(missing)) / float(axis[2])
             points = points + correction * axis
             displacement += correction
         return displacement
+
+    def _jumped(self, expected: Array, in_sight: NDArray[np.bool_], frame: DepthFrame) -> NDArray[np.bool_]:
+        """Return which of the points expected in the camera's frame, (n, 3), show a depth that tissue cannot have reached."""
+        config = self._config
+        elapsed_s = 1e-9 * (frame.captured_ns - self._motion.measured_ns)
+        limit = min(config.jump_noise_m + config.jump_speed_mps * elapsed_s, config.jump_limit_m)
+        measured, seen = sample_depth(frame, self._rig.camera, expected)
+        jumped = np.asarray(seen & (np.abs(measured - expected[:, 2]) > limit))
+        shown = seen & in_sight
+        self._jumped_fraction = float(jumped[shown].mean()) if shown.any() else 0.0
+        return jumped
 
     def _surroundings(self, pixel: Array, frame: DepthFrame, state: ControlInput) -> tuple[SurfacePatch | None, Array]:
         """Return the surface under a pixel, None if too little is seen, and the points to follow around it, (n, 3)."""

@@ -290,3 +290,38 @@ def test_infinite_depth_is_not_known(rig, sphere, make_frame, pixel):
     stream.spoil = spoil
     target = stream.show(0.001)
     assert target.captured_ns == FRAME_NS
+
+
+@pytest.mark.parametrize("slipped", [0.6, 1.0])
+def test_depth_that_slips_by_a_stripe_is_rejected_however_long_it_lasts(rig, sphere, make_frame, pixel, slipped):
+    slips = False
+
+    def spoil(depth, valid):
+        row, width = int(pixel[1]), depth.shape[1]
+        wrong = np.zeros(depth.shape, bool)
+        # A large connected region, the target's middle included where all of it slips.
+        wrong[: row + 1 if slipped < 1.0 else None, : width if slips else 0] = True
+        return np.where(wrong, 0.65 * depth, depth), valid
+
+    stream = Stream(rig, sphere, make_frame, pixel, spoil=spoil)
+    before = stream.show()
+    assert stream.targeting.jumped_fraction == 0.0
+    slips = True
+    for _ in range(50):
+        target = stream.show()
+        assert stream.targeting.jumped_fraction > 0.4
+        assert np.linalg.norm(target.point - before.point) < 1e-4  # metres
+    newest_ns = (stream.index - 1) * FRAME_NS
+    assert target.captured_ns == (newest_ns if slipped < 1.0 else 0)
+    slips = False
+    assert stream.show().captured_ns == newest_ns + FRAME_NS
+    assert stream.targeting.jumped_fraction == 0.0
+
+
+def test_tissue_that_springs_back_as_fast_as_tissue_can_is_followed(rig, sphere, make_frame, pixel):
+    stream = Stream(rig, sphere, make_frame, pixel)
+    point, _ = sphere.surface_at(pixel)
+    for k in range(6):
+        target = stream.show(0.0035 * min(k, 4))
+        assert stream.targeting.jumped_fraction < 0.05
+    assert abs(target.point[2] - point[2] - 0.014) < 4e-3
