@@ -9,25 +9,28 @@ Launches are over pixels, as those of `ray_kernels`.
 
 import warp as wp
 
-from laploop.envs.sensors.kernels.ray_kernels import LINE_OF_SIGHT
 from laploop.envs.sensors.kernels.zbuffer_kernels import Projector
 
 wp.set_module_options({"enable_backward": False})
 
-_LINE_OF_SIGHT = wp.constant(wp.uint8(LINE_OF_SIGHT))
 _INVERSE_PI = wp.constant(0.31830988618)
 _PI = wp.constant(3.14159265359)
 
 
 @wp.struct
 class Projection:
-    """The projector's light and blur, for `shade`."""
+    """The projector's light and blur."""
 
     intensity_w_sr: float
     led_exponent: float
-    stray_fraction: float
-    fixed_variance: float
-    defocus_slope: float
+    patterned: float
+    """Fraction of the light that is not glare."""
+    glare: float
+    """Transmission of a mask without pattern that would let the glare through."""
+    variance: float
+    """Of the blur by source and pixel."""
+    radius: float
+    """Of the aperture, metres."""
     inverse_focus: float
     table_start: float
     columns_per_tan: float
@@ -37,14 +40,14 @@ class Projection:
 
 @wp.struct
 class Sensor:
-    """Lens and sensor, for `shade`."""
+    """Sensor and camera response."""
 
-    electrons_per_radiance: float
-    vignetting_exponent: float
     levels_per_electron: float
+    """Gain included."""
     read_variance: float
     levels: float
     """Largest grey value."""
+    inverse_gamma: float
 
 
 @wp.func
@@ -112,82 +115,30 @@ def _ggx(n: wp.vec3, light: wp.vec3, view: wp.vec3, reflectance: float, alpha: f
 
 
 @wp.func
-def _blur(projection: Projection, depth: float, subsurface: float):
-    """Standard deviation of the mask's blur at a depth in the projector's frame, tangent units."""
-    inverse_z = 1.0 / depth
-    defocus = projection.defocus_slope * (inverse_z - projection.inverse_focus)
-    spread = subsurface * inverse_z
-    return wp.sqrt(projection.fixed_variance + defocus * defocus + spread * spread)
-
-
-@wp.func
-def _transmission(
+def transmitted(
     table: wp.array2d(dtype=wp.float32),
     stack: wp.array3d(dtype=wp.float32),
     projection: Projection,
     half_field: float,
     tangent: wp.vec2,
-    sigma: float,
+    radius: float,
 ):
-    """Transmission of the mask at a tangent coordinate of the projector, blurred by sigma.
+    """Transmission of the mask at a tangent coordinate, glare included, blurred by the Gaussian and a disk of that radius.
 
     From the stack unless it is empty: it is for masks that vary along both axes, and includes all four borders.
     """
     column = (tangent[0] - projection.table_start) * projection.columns_per_tan
-    level = sigma * projection.levels_per_tan
+    level = radius * projection.levels_per_tan
+    # At the field's borders the disk counts as a Gaussian of its variance.
+    sigma = wp.sqrt(projection.variance + 0.25 * radius * radius)
+    upright = _field_edge(tangent[1], half_field, sigma)
+    pattern = float(0.0)
     if stack.shape[0] > 0:
         row = (tangent[1] - projection.table_start) * projection.columns_per_tan
-        return _look_up_stack(stack, column, row, level)
-    return _look_up(table, column, level) * _field_edge(tangent[1], half_field, sigma)
-
-
-@wp.func
-def _expected_electrons(
-    ray: wp.vec3,
-    from_projector: wp.vec3,
-    along: float,
-    n: wp.vec3,
-    material: wp.vec4,
-    factor: float,
-    light: float,
-    projection: Projection,
-    sensor: Sensor,
-):
-    """Photo-electrons of a pixel that sees a point, which gets the fraction `light` of what a clear mask would transmit.
-
-    The way from the projector's centre to the point is given in the camera's frame, and its part along the projector's axis.
-    """
-    inverse_distance = 1.0 / wp.length(from_projector)
-    cosine_p = along * inverse_distance
-    if cosine_p <= 0.0:
-        return 0.0
-    inverse_ray = 1.0 / wp.length(ray)
-    irradiance = projection.intensity_w_sr * inverse_distance * inverse_distance
-    if projection.led_exponent == 1.0:
-        irradiance *= cosine_p
+        pattern = _look_up_stack(stack, column, row, level)
     else:
-        irradiance *= wp.pow(cosine_p, projection.led_exponent)
-    albedo = material[0] * factor
-    radiance = irradiance * projection.stray_fraction * albedo * _INVERSE_PI
-    if light > 0.0:
-        to_light = -inverse_distance * from_projector
-        n_l = wp.dot(n, to_light)
-        if n_l > 0.0:
-            scattered = albedo * _INVERSE_PI * n_l + _ggx(n, to_light, ray * -inverse_ray, material[1], material[2])
-            radiance += irradiance * (1.0 - projection.stray_fraction) * light * scattered
-    vignetting = inverse_ray
-    if sensor.vignetting_exponent != 1.0:
-        vignetting = wp.pow(inverse_ray, sensor.vignetting_exponent)
-    return radiance * vignetting * sensor.electrons_per_radiance
-
-
-@wp.func
-def _grey(mean: float, noise: float, sensor: Sensor):
-    """Grey value of expected photo-electrons with standard normal noise."""
-    # A Poisson variable is all but normal at the counts that matter here; the read noise is normal.
-    charge = mean + wp.sqrt(mean + sensor.read_variance) * noise
-    grey = wp.floor(charge * sensor.levels_per_electron + 0.5)
-    return wp.clamp(grey, 0.0, sensor.levels)
+        pattern = _look_up(table, column, level) * upright
+    return projection.patterned * pattern + projection.glare * upright * _field_edge(tangent[0], half_field, sigma)
 
 
 @wp.kernel
@@ -199,35 +150,98 @@ def shade(
     depth: wp.array(dtype=wp.float32),
     normal: wp.array(dtype=wp.vec3),
     tangent: wp.array(dtype=wp.vec2),
-    flags: wp.array(dtype=wp.uint8),
     object_id: wp.array(dtype=wp.uint8),
     factor: wp.array(dtype=wp.float32),
+    visible: wp.array(dtype=wp.float32),
     projector: Projector,
-    materials: wp.array(dtype=wp.vec4),
+    materials: wp.array(dtype=wp.vec3),
     table: wp.array2d(dtype=wp.float32),
     stack: wp.array3d(dtype=wp.float32),
     projection: Projection,
-    sensor: Sensor,
-    noise: wp.array(dtype=wp.float32),
-    electrons: wp.array(dtype=wp.float32),
-    image: wp.array(dtype=wp.uint16),
+    irradiance: wp.array(dtype=wp.float32),
+    albedo: wp.array(dtype=wp.float32),
+    gloss: wp.array(dtype=wp.float32),
 ):
-    """Turn what `trace` has found into expected photo-electrons, and those with standard normal `noise` into grey values."""
+    """Compute the projector's irradiance, W/m², the albedo, and the radiance of specular reflection, W/(m² sr).
+
+    `visible` is the fraction of the projector's light that reaches a point.
+    """
     start = first + wp.tid() * run
     for i in range(start, wp.min(start + run, last)):
-        mean = float(0.0)
+        found = float(0.0)
+        matte = float(0.0)
+        glossy = float(0.0)
         if object_id[i] != wp.uint8(0):
-            ray = wp.vec3(rays[i][0], rays[i][1], 1.0)
-            from_projector = depth[i] * ray - projector.centre
-            along = wp.dot(projector.axis, from_projector)
             material = materials[int(object_id[i])]
-            light = float(0.0)
-            if (flags[i] & _LINE_OF_SIGHT) != wp.uint8(0):
-                sigma = _blur(projection, along, material[3])
-                light = _transmission(table, stack, projection, projector.half_field, tangent[i], sigma)
-            mean = _expected_electrons(ray, from_projector, along, normal[i], material, factor[i], light, projection, sensor)
-        electrons[i] = mean
-        image[i] = wp.uint16(_grey(mean, noise[i], sensor))
+            matte = material[0] * factor[i]
+            if visible[i] > 0.0:
+                ray = wp.vec3(rays[i][0], rays[i][1], 1.0)
+                from_projector = depth[i] * ray - projector.centre
+                along = wp.dot(projector.axis, from_projector)
+                inverse_distance = 1.0 / wp.length(from_projector)
+                to_light = -inverse_distance * from_projector
+                cosine = wp.dot(normal[i], to_light)
+                if cosine > 0.0:
+                    radius = projection.radius * wp.abs(1.0 / along - projection.inverse_focus)
+                    light = transmitted(table, stack, projection, projector.half_field, tangent[i], radius)
+                    beam = visible[i] * light * projection.intensity_w_sr * inverse_distance * inverse_distance
+                    cosine_p = along * inverse_distance
+                    if projection.led_exponent == 1.0:
+                        beam *= cosine_p
+                    else:
+                        beam *= wp.pow(cosine_p, projection.led_exponent)
+                    found = beam * cosine
+                    view = ray * (-1.0 / wp.length(ray))
+                    glossy = beam * _ggx(normal[i], to_light, view, material[1], material[2])
+        irradiance[i] = found
+        albedo[i] = matte
+        gloss[i] = glossy
+
+
+@wp.kernel
+def sum_exitance(
+    width: int,
+    irradiance: wp.array(dtype=wp.float32),
+    albedo: wp.array(dtype=wp.float32),
+    sums: wp.array(dtype=wp.vec2),
+):
+    """Sum each row's radiant exitance, and count its lit pixels."""
+    row = wp.tid()
+    exitance = float(0.0)
+    lit = float(0.0)
+    for i in range(row * width, (row + 1) * width):
+        exitance += irradiance[i] * albedo[i]
+        lit += wp.where(irradiance[i] > 0.0, 1.0, 0.0)
+    sums[row] = wp.vec2(exitance, lit)
+
+
+@wp.kernel
+def fill_cavity(cavity_fraction: float, sums: wp.array(dtype=wp.vec2), ambient: wp.array(dtype=wp.float32)):
+    """Compute the cavity's irradiance from the rows' sums, in their order: it does not depend on the number of threads."""
+    total = wp.vec2(0.0, 0.0)
+    for row in range(sums.shape[0]):
+        total += sums[row]
+    ambient[0] = cavity_fraction * total[0] / wp.max(total[1], 1.0)
+
+
+@wp.kernel
+def expose(
+    first: int,
+    last: int,
+    run: int,
+    irradiance: wp.array(dtype=wp.float32),
+    albedo: wp.array(dtype=wp.float32),
+    gloss: wp.array(dtype=wp.float32),
+    ambient: wp.array(dtype=wp.float32),
+    falloff: wp.array(dtype=wp.float32),
+    electrons_per_radiance: float,
+    electrons: wp.array(dtype=wp.float32),
+):
+    """Turn irradiance into expected photo-electrons; `falloff` is the lens's transmission relative to its axis."""
+    start = first + wp.tid() * run
+    for i in range(start, wp.min(start + run, last)):
+        radiance = albedo[i] * _INVERSE_PI * (irradiance[i] + ambient[0]) + gloss[i]
+        electrons[i] = radiance * falloff[i] * electrons_per_radiance
 
 
 @wp.kernel
@@ -243,43 +257,9 @@ def digitise(
     """Turn expected photo-electrons with standard normal `noise` into grey values."""
     start = first + wp.tid() * run
     for i in range(start, wp.min(start + run, last)):
-        image[i] = wp.uint16(_grey(electrons[i], noise[i], sensor))
-
-
-@wp.kernel
-def spread(
-    first: int,
-    last: int,
-    run: int,
-    source: wp.array(dtype=wp.float32),
-    weights: wp.array(dtype=wp.float32),
-    width: int,
-    height: int,
-    across: int,
-    down: int,
-    target: wp.array(dtype=wp.float32),
-):
-    """Blur an image along x (`across` 1, `down` 0) or y (0, 1) with one half of a symmetric filter.
-
-    The image is mirrored at its borders, so that no electron gets lost there.
-    """
-    start = first + wp.tid() * run
-    for i in range(start, wp.min(start + run, last)):
-        x = i % width
-        y = i // width
-        total = weights[0] * source[i]
-        for k in range(1, weights.shape[0]):
-            for side in range(2):
-                d = k * (2 * side - 1)
-                u = x + across * d
-                v = y + down * d
-                if u < 0:
-                    u = -1 - u
-                if u >= width:
-                    u = 2 * width - 1 - u
-                if v < 0:
-                    v = -1 - v
-                if v >= height:
-                    v = 2 * height - 1 - v
-                total += weights[k] * source[v * width + u]
-        target[i] = total
+        # A Poisson variable is all but normal at the counts that matter here; the read noise is normal.
+        charge = electrons[i] + wp.sqrt(electrons[i] + sensor.read_variance) * noise[i]
+        grey = charge * sensor.levels_per_electron
+        if sensor.inverse_gamma != 1.0:
+            grey = sensor.levels * wp.pow(wp.max(grey / sensor.levels, 0.0), sensor.inverse_gamma)
+        image[i] = wp.uint16(wp.clamp(wp.floor(grey + 0.5), 0.0, sensor.levels))

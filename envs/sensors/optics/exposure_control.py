@@ -18,7 +18,7 @@ ExposureTime = Annotated[float, Field(ge=1e-6, le=1.0)]
 class ExposureControl:
     """Brings a percentile of the image to a target by changing the exposure time frame by frame.
 
-    Grey values are proportional to the exposure time, so that one step of the full ratio reaches the target where nothing
+    The signal is proportional to the exposure time, so that one step of the full ratio reaches the target where nothing
     saturates. A step is limited to a factor of four, since an image that is all dark or all saturated does not show how
     far the target is.
     """
@@ -40,13 +40,14 @@ class ExposureControl:
         if not self.shortest_s <= self.longest_s:
             raise InvalidValueError("shortest_s", self.shortest_s, f"at most longest_s, {self.longest_s:g}")
 
-    def next_exposure_s(self, exposure_s: float, image: NDArray[Any], bits: int) -> float:
+    def next_exposure_s(self, exposure_s: float, image: NDArray[Any], bits: int, gamma: float = 1.0) -> float:
         """Return the exposure time for the next image.
 
         Args:
             exposure_s: That of this image.
             image: Grey values, of any shape.
             bits: Bits of a grey value.
+            gamma: That of the camera's response.
         """
         if self.gain == 0.0:
             return exposure_s
@@ -59,5 +60,5 @@ class ExposureControl:
             ratio = self.target / max(level, 0.5 / full_scale)
             if abs(ratio - 1.0) <= self.tolerance:
                 ratio = 1.0
-        step = float(np.clip(ratio**self.gain, 1.0 / _LARGEST_STEP, _LARGEST_STEP))
+        step = float(np.clip(ratio ** (self.gain * gamma), 1.0 / _LARGEST_STEP, _LARGEST_STEP))
         return float(np.clip(exposure_s * step, self.shortest_s, self.longest_s))

@@ -1,69 +1,71 @@
-"""Transmission of a mask that varies along both axes, blurred in advance for every amount of blur."""
+"""Transmission of a mask that varies along both axes, blurred for a series of distances."""
 
 import functools
 import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 from scipy.ndimage import gaussian_filter1d
 
 from laploop.arrays import Array, Float32
 from laploop.assets.mask_pattern import decode_pattern
 from laploop.assets.stripe_mask import StripeMask
+from laploop.envs.sensors.optics.projection_blur import MARGIN_TAN, ProjectionBlur, disk_transfer
 
 _SIDE = 768
-_LEVELS = 33
-_WIDEST_PERIODS = 0.8
-_WIDEST_TAN = (0.03, 0.06)
-_MARGIN_SIGMAS = 4.0
+_LEVELS = 17
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MaskStack:
-    """Transmission on a square grid of tangent coordinates for a series of blur widths, interpolated linearly in all three.
+    """Transmission on a square grid of tangent coordinates as a spectrum, from which `blurred` makes a stack.
 
     The dark surround of the mask is part of the pattern, on all four sides, so that its edges blur like the rest.
     """
 
-    transmission: Float32
-    """(levels, rows, columns), read-only: a level is a standard deviation of the blur, rows and columns tangent coordinates
-    along y and x."""
+    spectrum: NDArray[np.complex64]
+    """(frequencies along y, frequencies along x), read-only: of the sharp pattern's means over the cells of the grid."""
+    along_y: Array
+    along_x: Array
+    """Frequencies along the axes, radians per tangent unit."""
     start: float
     """Coordinate of the first row and of the first column."""
     step: float
-    sigma_step: float
+    mean: float
+    """Mean transmission of the mask."""
 
     @classmethod
     @functools.lru_cache(maxsize=2)
     def from_mask(cls, mask: StripeMask) -> "MaskStack":
-        """Compute the stack, 78 MB in half a second; equal masks share one.
-
-        The sharp pattern is averaged over the cells of the grid, half a pixel of a 256 pixel camera, and blurred by the
-        Gaussian's transfer function. Blurs extend to 0.8 periods, as in `MaskTable`, but at least to 0.03 and at most to 0.06
-        tangent units, twice the blur of the nominal scope's projector on tissue 30 mm away.
-        """
-        widest = float(np.clip(_WIDEST_PERIODS * mask.period_tan, *_WIDEST_TAN))
-        half = mask.half_width_tan + _MARGIN_SIGMAS * widest
+        """Compute the spectrum; a cell is half a pixel of a 256 pixel camera. Equal masks share one."""
+        half = mask.half_width_tan + MARGIN_TAN
         step = 2.0 * half / _SIDE
         edges = np.linspace(-half, half, _SIDE + 1)
         if mask.pattern is None:
             sharp = _wandering_stripes(mask, edges)
         else:
             sharp = _picture(mask.half_width_tan, decode_pattern(mask.pattern), edges)
-        spectrum = fft.rfft2(sharp)
-        along_x, along_y = np.fft.rfftfreq(_SIDE, step), np.fft.fftfreq(_SIDE, step)
-        soft = mask.edge_roughness * mask.period_tan
+        along_x, along_y = (2.0 * math.pi * f(_SIDE, step) for f in (np.fft.rfftfreq, np.fft.fftfreq))
+        roughness = np.exp(-0.5 * (mask.edge_roughness * mask.period_tan * along_x) ** 2)
+        spectrum = (fft.rfft2(sharp) * roughness).astype(np.complex64)
+        spectrum.flags.writeable = False
+        mean = float(sharp.sum()) * (step / (2.0 * mask.half_width_tan)) ** 2
+        return cls(spectrum=spectrum, along_y=along_y, along_x=along_x, start=-half + 0.5 * step, step=step, mean=mean)
+
+    def blurred(self, blur: ProjectionBlur) -> Float32:
+        """Return the transmission for a series of disks, (levels, rows, columns), 40 MB in a tenth of a second.
+
+        The radii are those of `blur.radii`; rows and columns are tangent coordinates along y and x.
+        """
+        frequency = np.hypot(self.along_y[:, None], self.along_x)
+        sharp = self.spectrum * blur.gaussian_transfer(frequency)
         stack = np.empty((_LEVELS, _SIDE, _SIDE), dtype=np.float32)
-        for level in range(_LEVELS):
-            sigma = level * widest / (_LEVELS - 1)
-            transfer_x = np.exp(-2.0 * (math.pi * along_x) ** 2 * (sigma**2 + soft**2))
-            transfer_y = np.exp(-2.0 * (math.pi * along_y * sigma) ** 2)
-            stack[level] = fft.irfft2(spectrum * transfer_x * transfer_y[:, None], s=(_SIDE, _SIDE))
-        # A narrow Gaussian's transfer function is cut off at the grid's limit, which leaves ripples around 0 and 1.
-        np.clip(stack, 0.0, 1.0, out=stack)
-        stack.flags.writeable = False
-        return cls(transmission=stack, start=-half + 0.5 * step, step=step, sigma_step=widest / (_LEVELS - 1))
+        for level, radius in enumerate(blur.radii(_LEVELS)):
+            stack[level] = fft.irfft2(sharp * disk_transfer(radius, frequency), s=(_SIDE, _SIDE))
+        # Transfer functions of narrow blurs are cut off at the grid's limit, which leaves ripples around 0 and 1.
+        return np.clip(stack, 0.0, 1.0, out=stack)
 
 
 def _picture(half_width: float, pattern: Array, edges: Array) -> Array:

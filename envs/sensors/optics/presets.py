@@ -19,10 +19,9 @@ from laploop.envs.sensors.optics.stripe_optics import (
     ReadNoise,
     Roughness,
     SourceBlur,
-    SpotWidth,
-    StrayFraction,
     StripeOptics,
 )
+from laploop.envs.sensors.optics.subsurface import SpotWidth, Subsurface
 from laploop.errors import InvalidValueError, UnknownNameError
 
 Light = Annotated[float, Field(ge=1e-3, le=100.0)]
@@ -45,11 +44,12 @@ class OpticsRanges:
     tool_albedo: Span[Fraction] = (0.08, 0.20)
     tool_roughness: Span[Roughness] = (0.25, 0.50)
     stage_albedo: Span[Fraction] = (0.06, 0.20)
-    stray_fraction: Span[StrayFraction] = (0.02, 0.10)
+    glare_fraction: Span[Fraction] = (0.02, 0.10)
     source_blur_tan: Span[SourceBlur] = (0.0080, 0.0100)
     lens_blur_px: Span[LensBlur] = (0.5, 1.0)
     read_noise_electrons: Span[ReadNoise] = (2.0, 8.0)
     full_well_electrons: Span[FullWell] = (8000.0, 14000.0)
+    cavity_fraction: Span[Fraction] = (0.03, 0.20)
 
     def __post_init__(self) -> None:
         check_ordered(self)
@@ -70,7 +70,8 @@ def _ideal() -> StripeOptics:
         source_blur_tan=0.001,
         projector_aperture_m=0.0,
         lens_blur_px=0.2,
-        stray_fraction=0.0,
+        glare_fraction=0.0,
+        cavity_fraction=0.0,
         tissue=Material(albedo=TISSUE.albedo, reflectance=0.0, roughness=1.0),
         tool=replace(TOOL, reflectance=0.0),
         stage=replace(STAGE, reflectance=0.0),
@@ -80,7 +81,7 @@ def _ideal() -> StripeOptics:
 def _worst() -> StripeOptics:
     """Return optics at the pessimistic ends of what is known: half the light, a small noisy sensor, wet scattering tissue.
 
-    Its stray light puts the stripes' contrast on a matte target at the lower end of its uncertainty, 0.05 below that of
+    Its glare puts the stripes' contrast on a matte target at the lower end of its uncertainty, 0.05 below that of
     `paper`; more blur as well would put it beyond.
     """
     nominal, ranges = StripeOptics(), OpticsRanges()
@@ -89,8 +90,13 @@ def _worst() -> StripeOptics:
         led_power_w=ranges.light[0] * nominal.led_power_w,
         full_well_electrons=6000.0,
         read_noise_electrons=ranges.read_noise_electrons[1],
-        stray_fraction=0.09,
-        tissue=Material(albedo=0.3, reflectance=0.025, roughness=0.1, subsurface_fwhm_m=ranges.subsurface_fwhm_m[1]),
+        glare_fraction=0.13,
+        tissue=Material(
+            albedo=0.3,
+            reflectance=0.025,
+            roughness=0.1,
+            subsurface=Subsurface(profile="gaussian", fwhm_m=ranges.subsurface_fwhm_m[1]),
+        ),
     )
 
 
@@ -133,7 +139,7 @@ def randomised_surfaces(optics: StripeOptics, rng: np.random.Generator, ranges: 
     """Draw all but the light; what has no range keeps its value. The order of draws is fixed: data sets depend on it."""
     return replace(
         optics,
-        stray_fraction=rng.uniform(*ranges.stray_fraction),
+        glare_fraction=rng.uniform(*ranges.glare_fraction),
         source_blur_tan=rng.uniform(*ranges.source_blur_tan),
         lens_blur_px=rng.uniform(*ranges.lens_blur_px),
         read_noise_electrons=rng.uniform(*ranges.read_noise_electrons),
@@ -143,8 +149,9 @@ def randomised_surfaces(optics: StripeOptics, rng: np.random.Generator, ranges: 
             albedo=rng.uniform(*ranges.tissue_albedo),
             reflectance=rng.uniform(*ranges.tissue_reflectance),
             roughness=rng.uniform(*ranges.tissue_roughness),
-            subsurface_fwhm_m=rng.uniform(*ranges.subsurface_fwhm_m),
+            subsurface=replace(optics.tissue.subsurface, fwhm_m=rng.uniform(*ranges.subsurface_fwhm_m)),
         ),
         tool=replace(optics.tool, albedo=rng.uniform(*ranges.tool_albedo), roughness=rng.uniform(*ranges.tool_roughness)),
         stage=replace(optics.stage, albedo=rng.uniform(*ranges.stage_albedo)),
+        cavity_fraction=rng.uniform(*ranges.cavity_fraction),
     )

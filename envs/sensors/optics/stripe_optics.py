@@ -11,7 +11,10 @@ from numpy.typing import NDArray
 from laploop.assets.stripe_mask import StripeMask
 from laploop.configuration import Field, configuration
 from laploop.envs.sensors.object_id import ObjectId
+from laploop.envs.sensors.optics.camera_response import CameraResponse
 from laploop.envs.sensors.optics.exposure_control import ExposureControl
+from laploop.envs.sensors.optics.projection_blur import ProjectionBlur
+from laploop.envs.sensors.optics.subsurface import Subsurface
 from laploop.perception.reprojection import BrownDistortion
 
 _PLANCK_TIMES_LIGHT_SPEED_J_M = 6.62607015e-34 * 299792458.0
@@ -19,10 +22,8 @@ _PLANCK_TIMES_LIGHT_SPEED_J_M = 6.62607015e-34 * 299792458.0
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Roughness = Annotated[float, Field(ge=0.02, le=1.0)]
-SpotWidth = Annotated[float, Field(ge=0.0, le=0.02)]
-SourceBlur = Annotated[float, Field(ge=0.0, le=0.2)]
+SourceBlur = Annotated[float, Field(ge=0.0, le=0.04)]
 LensBlur = Annotated[float, Field(ge=0.0, le=10.0)]
-StrayFraction = Annotated[float, Field(ge=0.0, le=0.9)]
 FullWell = Annotated[float, Field(ge=100.0, le=1e6)]
 ReadNoise = Annotated[float, Field(ge=0.0, le=1000.0)]
 Exponent = Annotated[float, Field(ge=0.0, le=8.0)]
@@ -30,7 +31,7 @@ Exponent = Annotated[float, Field(ge=0.0, le=8.0)]
 
 @configuration
 class Material:
-    """How a surface scatters light: Lambert plus GGX, and a Gaussian blur under the surface."""
+    """How a surface scatters light: Lambert plus GGX, and a spread of the Lambertian part under the surface."""
 
     albedo: Fraction
     """Diffuse reflectance at the LED's wavelength; multiplied by the scene's own factor at each vertex."""
@@ -38,11 +39,11 @@ class Material:
     """Specular reflectance at normal incidence (Fresnel's F0)."""
     roughness: Roughness
     """GGX width alpha."""
-    subsurface_fwhm_m: SpotWidth = 0.0
-    """Full width at half maximum of the spot that a point of light makes on the surface."""
+    subsurface: Subsurface = field(default_factory=Subsurface)
+    """Where light that enters the surface leaves it; by default where it enters."""
 
 
-TISSUE = Material(albedo=0.4, reflectance=0.025, roughness=0.2, subsurface_fwhm_m=0.001)
+TISSUE = Material(albedo=0.4, reflectance=0.025, roughness=0.2, subsurface=Subsurface(profile="gaussian"))
 """Bowel serosa: albedo 0.3 to 0.5, water film (n = 1.37: F0 = 2.4 %), roughness 0.1 to 0.25, subsurface spot about 1 mm."""
 TOOL = Material(albedo=0.12, reflectance=0.5, roughness=0.35)
 """Brushed steel."""
@@ -60,13 +61,12 @@ class StripeOptics:
     cosine, radiance by the surface's reflectance, irradiance on the sensor by the f-number, electrons by exposure and quantum
     efficiency. The defaults put the bright stripes on a facing tissue plane at 85 mm at about 0.45 of full scale.
 
-    The blur of the mask is a Gaussian in tangent units with the variance
+    The irradiance of a surface is that of the mask blurred by source and defocus (`ProjectionBlur`), with the shadows that the
+    aperture's disk casts, plus two kinds of stray light. Scattering under the surface spreads it, the albedo turns it into
+    radiance, and the lens's point spread blurs the whole image.
 
-        (source² + pixel²) + (aperture / 4 * (1/z - 1/focus))² + (subsurface / z)²
-
-    where the second part is the defocus of a round aperture. With the defaults the Michelson contrast of a matte facing
-    plane is within 0.01 of 0.58 at 70 mm and 0.44 at 100 mm, as measured on the laparoscope that the simulator follows;
-    scattering under the surface of tissue lowers it further.
+    Source blur, aperture, focus and glare are not on any data sheet: they are fitted, so that the Michelson contrast of a matte
+    facing plane is 0.58 at 70 mm and 0.44 at 100 mm, as measured on the laparoscope that the simulator follows.
     """
 
     led_power_w: Annotated[float, Field(ge=0.0, le=10.0)] = 0.031
@@ -79,17 +79,19 @@ class StripeOptics:
     """Distance at which the mask is imaged sharply."""
     projector_aperture_m: Annotated[float, Field(ge=0.0, le=0.02)] = 0.0033
     """Diameter of the projection lens's aperture."""
-    stray_fraction: StrayFraction = 0.05
-    """Fraction of the projected light that arrives without pattern or shadow: scattered in the optics, reflected by the
-    cavity."""
+    glare_fraction: Fraction = 0.055
+    """Fraction of the light through the mask that the projector's optics scatter evenly over its field: it has no pattern, but
+    fall-off and shadows like the rest."""
+    cavity_fraction: Fraction = 0.10
+    """Irradiance of everything by light that went astray between tissue and cavity, relative to the mean radiant exitance of
+    what the beam lights and the camera sees."""
     f_number: Annotated[float, Field(ge=0.7, le=64.0)] = 4.0
     lens_transmission: Annotated[float, Field(ge=0.01, le=1.0)] = 0.7
-    vignetting_exponent: Exponent = 1.0
-    """The lens's transmission falls with the cosine of the angle to the camera's axis to this power."""
+    vignetting_exponent: Exponent = 4.0
+    """The sensor's irradiance falls with the cosine of the angle to the camera's axis to this power; 4 is the natural
+    fall-off of a lens without vignetting."""
     lens_blur_px: LensBlur = 0.7
-    """Standard deviation of the camera lens's point spread, which blurs the stripes."""
-    lens_blur_edges: bool = False
-    """Whether the point spread blurs the whole image, object edges and highlights included, and not the stripes alone."""
+    """Standard deviation of the camera lens's point spread."""
     distortion: BrownDistortion = field(default_factory=BrownDistortion)
     """Distortion of the camera's lens."""
     exposure_s: Annotated[float, Field(ge=1e-6, le=1.0)] = 0.015
@@ -102,6 +104,8 @@ class StripeOptics:
     full_well_electrons: FullWell = 10500.0
     """Electrons at the output's full scale; the default is that of a Pregius-class sensor."""
     read_noise_electrons: ReadNoise = 2.5
+    response: CameraResponse = field(default_factory=CameraResponse)
+    """From charge to grey value; by default linear."""
     bits: Literal[8, 12] = 8
     """Bits of the output."""
     tissue: Material = TISSUE
@@ -111,18 +115,33 @@ class StripeOptics:
 
     @cached_property
     def material_table(self) -> NDArray[np.float32]:
-        """One row an `ObjectId`: albedo, reflectance, roughness, standard deviation of the subsurface blur in metres."""
-        rows = np.zeros((len(ObjectId), 4), dtype=np.float32)
+        """One row an `ObjectId`: albedo, reflectance at normal incidence, roughness."""
+        rows = np.zeros((len(ObjectId), 3), dtype=np.float32)
         rows[:, 2] = 1.0
-        for object_id, material in (
+        for object_id, material in self._materials:
+            rows[object_id] = material.albedo, material.reflectance, material.roughness
+        return rows
+
+    @cached_property
+    def subsurface_table(self) -> NDArray[np.float32]:
+        """Weights and standard deviations in metres of the Gaussians of each `ObjectId`, (Gaussians, object ids, 2).
+
+        There are as many as the material with most of them has; what others lack has neither weight nor width.
+        """
+        spreads = {object_id: material.subsurface.gaussians for object_id, material in self._materials}
+        table = np.zeros((max(map(len, spreads.values())), len(ObjectId), 2), dtype=np.float32)
+        for object_id, gaussians in spreads.items():
+            table[: len(gaussians), object_id] = gaussians
+        return table
+
+    @property
+    def _materials(self) -> tuple[tuple[ObjectId, Material], ...]:
+        return (
             (ObjectId.TISSUE, self.tissue),
             (ObjectId.TOOL, self.tool),
             (ObjectId.STAGE, self.stage),
             (ObjectId.OTHER, self.other),
-        ):
-            sigma = material.subsurface_fwhm_m / math.sqrt(8.0 * math.log(2.0))
-            rows[object_id] = material.albedo, material.reflectance, material.roughness, sigma
-        return rows
+        )
 
     @property
     def electrons_per_radiance(self) -> float:
@@ -139,10 +158,7 @@ class StripeOptics:
         solid_angle_weighted = np.sum(square ** (-1.5 - 0.5 * self.led_exponent)) * (edges[1] - edges[0]) ** 2
         return self.led_power_w / float(solid_angle_weighted)
 
-    def fixed_blur_tan(self, focal_px: float) -> float:
-        """Standard deviation of the stripes' blur at any distance, a pixel's own width included, tangent units.
-
-        The lens's blur is included unless it acts on the whole image.
-        """
-        lens_px = 0.0 if self.lens_blur_edges else self.lens_blur_px
-        return math.sqrt(self.source_blur_tan**2 + (lens_px**2 + 1.0 / 12.0) / focal_px**2)
+    def projection_blur(self, focal_px: float) -> ProjectionBlur:
+        """Return the blur of the mask, a pixel's own width included."""
+        sigma = math.sqrt(self.source_blur_tan**2 + 1.0 / (12.0 * focal_px**2))
+        return ProjectionBlur(sigma_tan=sigma, aperture_m=self.projector_aperture_m, focus_m=self.projector_focus_m)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import warp as wp
 
-from laploop.envs.sensors.kernels import ray_kernels, shading_kernels, zbuffer_kernels
+from laploop.envs.sensors.kernels import ray_kernels, shading_kernels, shadow_kernels, spread_kernels, zbuffer_kernels
 from laploop.errors import OutputError, UnknownNameError
 
 
@@ -28,7 +28,7 @@ def open_device(name: str) -> wp.Device:
             if name not in available:
                 raise UnknownNameError("device", name, available)
             device = wp.get_device(name)
-            for module in (ray_kernels, shading_kernels, zbuffer_kernels):
+            for module in (ray_kernels, shading_kernels, shadow_kernels, spread_kernels, zbuffer_kernels):
                 wp.load_module(module, device=device)
     except OSError as error:
         remedy = "set WARP_CACHE_PATH to a folder that can be written"

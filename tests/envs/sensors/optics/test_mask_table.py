@@ -3,9 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.special import erf
 
 from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.optics.mask_table import MaskTable
+from laploop.envs.sensors.optics.projection_blur import ProjectionBlur
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.errors import InvalidValueError
 
@@ -13,7 +15,12 @@ HALF_WIDTH = StripeMask().half_width_tan
 
 
 def grid_of(table):
-    return table.start + table.step * np.arange(table.transmission.shape[1])
+    return table.start + table.step * np.arange(table.columns)
+
+
+def blurred(table, sigma=0.0):
+    """The mask in focus, blurred by a Gaussian."""
+    return table.blurred(ProjectionBlur(sigma_tan=sigma, aperture_m=0.0033, focus_m=0.05))[0]
 
 
 def draw_stripes(width=1600, stripes=20, height=32):
@@ -31,10 +38,26 @@ def save(tmp_path, pixels, **options):
 def test_the_built_in_mask_drawn_as_an_image_gives_the_same_table(tmp_path):
     drawn = MaskTable.from_mask(StripeMask.from_png(save(tmp_path, draw_stripes()), stripes=20))
     analytic = MaskTable.from_mask(StripeMask())
-    assert (drawn.start, drawn.step, drawn.sigma_step) == (analytic.start, analytic.step, analytic.sigma_step)
-    # From the first blur that occurs in practice on; below it the table's columns themselves blur an edge.
-    np.testing.assert_allclose(drawn.transmission[4:], analytic.transmission[4:], atol=2e-3)
-    assert np.abs(drawn.transmission[0] - analytic.transmission[0]).mean() < 5e-3
+    assert (drawn.start, drawn.step, drawn.mean) == pytest.approx((analytic.start, analytic.step, analytic.mean))
+    for sigma in (0.0, 0.005, 0.02):
+        np.testing.assert_allclose(blurred(drawn, sigma), blurred(analytic, sigma), atol=2e-3)
+
+
+def test_an_edge_out_of_focus_is_blurred_by_disk_and_gaussian():
+    sigma = 0.009
+    mask = StripeMask(stripes=1, duty=0.5)  # one edge in the middle: bright on the left
+    table = MaskTable.from_mask(mask)
+    blur = ProjectionBlur(sigma_tan=sigma, aperture_m=0.0033, focus_m=0.05)
+    levels = table.blurred(blur)
+    x = np.linspace(-0.1, 0.1, 401)
+    for level in (5, 12, 32):
+        radius = np.linspace(0.0, blur.largest_radius_tan, len(levels))[level]
+        # The mean over the disk, strip by strip, of the edge that the Gaussian blurs.
+        strips = radius * (np.arange(2000) + 0.5) / 1000.0 - radius
+        weights = np.sqrt(radius**2 - strips**2)
+        edge = 0.5 * (1.0 - erf((x[:, None] - strips) / (np.sqrt(2.0) * sigma)))
+        expected = edge @ weights / weights.sum()
+        np.testing.assert_allclose(np.interp(x, grid_of(table), levels[level]), expected, atol=2e-4)
 
 
 def test_grey_is_transmission_from_the_left_border_to_the_right(tmp_path):
@@ -42,13 +65,14 @@ def test_grey_is_transmission_from_the_left_border_to_the_right(tmp_path):
     table = MaskTable.from_mask(StripeMask.from_png(save(tmp_path, ramp), stripes=20))
     inside = np.abs(grid_of(table)) < 0.95 * HALF_WIDTH
     expected = 0.5 + 0.5 * grid_of(table)[inside] / HALF_WIDTH
-    np.testing.assert_allclose(table.transmission[0][inside], expected, atol=0.005)  # a step of the ramp is 0.004
-    assert (table.transmission[0][np.abs(grid_of(table)) > 1.01 * HALF_WIDTH] == 0.0).all()
+    np.testing.assert_allclose(blurred(table)[inside], expected, atol=0.005)  # a step of the ramp is 0.004
+    np.testing.assert_allclose(blurred(table)[np.abs(grid_of(table)) > 1.01 * HALF_WIDTH], 0.0, atol=1e-6)
+    assert table.mean == pytest.approx(0.5, abs=1e-3)
 
 
 def test_a_profile_of_one_step_is_a_clear_mask():
     clear = MaskTable.from_mask(StripeMask(profile=(1.0,)))
-    np.testing.assert_allclose(clear.transmission[8][np.abs(grid_of(clear)) < 0.4], 1.0, atol=1e-6)
+    np.testing.assert_allclose(blurred(clear, 0.01)[np.abs(grid_of(clear)) < 0.4], 1.0, atol=1e-6)
 
 
 def test_the_mean_of_wandering_edges_is_what_roughness_gives():
@@ -61,7 +85,7 @@ def test_the_mean_of_wandering_edges_is_what_roughness_gives():
     near = np.abs(x - edge) < 0.2 * rough.period_tan
     lit = (x[near][:, None] < edge + shifts).mean(axis=1)
     # 20000 draws leave a standard error of 0.0035 at most; 4 of them.
-    np.testing.assert_allclose(table.transmission[0][near], lit, atol=0.014)
+    np.testing.assert_allclose(blurred(table)[near], lit, atol=0.014)
 
 
 def test_roughness_takes_contrast_as_a_gaussian_blur_of_the_edges_does():
@@ -69,8 +93,8 @@ def test_roughness_takes_contrast_as_a_gaussian_blur_of_the_edges_does():
     tables = [MaskTable.from_mask(mask) for mask in (smooth, rough)]
     x = np.linspace(-4.0, 4.0, 4000, endpoint=False) * smooth.period_tan
     wave = np.exp(-2j * np.pi * x / smooth.period_tan)
-    for level in (0, 6, 12):
-        plain, lost = (np.abs(np.mean(np.interp(x, grid_of(t), t.transmission[level]) * wave)) for t in tables)
+    for sigma in (0.0, 0.009, 0.018):
+        plain, lost = (np.abs(np.mean(np.interp(x, grid_of(t), blurred(t, sigma)) * wave)) for t in tables)
         assert lost / plain == pytest.approx(np.exp(-2.0 * (np.pi * 0.06) ** 2), rel=2e-3)
 
 

@@ -73,7 +73,7 @@ def test_same_seed_draws_the_same_optics_inside_the_ranges():
         ([d.tissue.albedo for d in draws], ranges.tissue_albedo),
         ([d.tissue.roughness for d in draws], ranges.tissue_roughness),
         ([d.read_noise_electrons for d in draws], ranges.read_noise_electrons),
-        ([d.stray_fraction for d in draws], ranges.stray_fraction),
+        ([d.glare_fraction for d in draws], ranges.glare_fraction),
     ):
         assert low <= min(values) < max(values) <= high
         assert max(values) - min(values) > 0.7 * (high - low)
@@ -94,7 +94,7 @@ def test_training_frames_draw_what_the_shipped_weights_saw():
 
 
 @pytest.mark.parametrize(
-    ("field", "span"), [("light", (2.0, 1.0)), ("light", (0.0, 1.0)), ("tissue_albedo", (0.3, 1.2)), ("stray_fraction", (0.1,))]
+    ("field", "span"), [("light", (2.0, 1.0)), ("light", (0.0, 1.0)), ("tissue_albedo", (0.3, 1.2)), ("cavity_fraction", (0.1,))]
 )
 def test_empty_and_impossible_ranges_are_refused_by_name(field, span):
     with pytest.raises(InvalidValueError, match=field):

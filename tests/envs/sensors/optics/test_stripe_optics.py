@@ -3,13 +3,14 @@ import pytest
 
 from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.optics.mask_table import MaskTable
+from laploop.envs.sensors.optics.projection_blur import ProjectionBlur
 from laploop.envs.sensors.optics.stripe_optics import Material, StripeOptics
 from laploop.errors import InvalidValueError, LaploopError
 
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("led_power_w", -1.0), ("exposure_s", 0.0), ("stray_fraction", 1.0), ("f_number", float("nan")), ("bits", 10)],
+    [("led_power_w", -1.0), ("exposure_s", 0.0), ("glare_fraction", 1.5), ("f_number", float("nan")), ("bits", 10)],
 )
 def test_optics_outside_their_range_are_refused_by_name(field, value):
     with pytest.raises(LaploopError, match=field):
@@ -36,9 +37,8 @@ def test_the_led_power_is_all_that_leaves_through_a_clear_mask():
 
 
 def look_up(table, x, sigma):
-    level = round(sigma / table.sigma_step)
-    grid = table.start + table.step * np.arange(table.transmission.shape[1])
-    return np.interp(x, grid, table.transmission[level])
+    grid = table.start + table.step * np.arange(table.columns)
+    return np.interp(x, grid, table.blurred(ProjectionBlur(sigma_tan=sigma, aperture_m=0.003, focus_m=0.05))[0])
 
 
 def test_sharp_mask_is_binary_and_starts_bright_at_the_left():
@@ -65,8 +65,7 @@ def test_blurred_mask_loses_the_fundamental_as_a_gaussian_should():
     mask = StripeMask(stripes=20)
     table = MaskTable.from_mask(mask)
     x = np.linspace(-0.5, 0.5, 20000, endpoint=False) * 8 * mask.period_tan
-    for level in (4, 8, 16):
-        sigma = level * table.sigma_step
+    for sigma in (0.006, 0.012, 0.024):
         wave = np.exp(-2j * np.pi * x / mask.period_tan)
         amplitude = 2.0 * np.abs(np.mean(look_up(table, x, sigma) * wave))
         expected = 2.0 / np.pi * np.exp(-2.0 * (np.pi * sigma / mask.period_tan) ** 2)
