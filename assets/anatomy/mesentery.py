@@ -47,9 +47,7 @@ def _thickened(sheet: Array, thick: Array) -> AnatomyMesh:
     offset = 0.5 * thick.reshape(-1, 1) * vertex_normals(points, front)
     border = np.concatenate([index[:-1, 0], index[-1, :-1], index[:0:-1, -1], index[0, :0:-1]])
     after, count = np.roll(border, -1), rows * columns
-    rim = np.concatenate(
-        [np.stack([border, after, after + count], -1), np.stack([border, after + count, border + count], -1)]
-    )
+    rim = np.concatenate([np.stack([border, after, after + count], -1), np.stack([border, after + count, border + count], -1)])
     triangles = np.concatenate([front, front[:, ::-1] + count, rim]).astype(np.int32)
     return AnatomyMesh(
         points=np.concatenate([points + offset, points - offset]),

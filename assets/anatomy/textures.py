@@ -138,7 +138,7 @@ def _mottle(mesh: AnatomyMesh, rng: np.random.Generator, deviation: float) -> Ar
 
 
 def _patches(mesh: AnatomyMesh, rng: np.random.Generator, *, coverage: float, size_m: float, border: float) -> Array:
-    """Return 1 inside patches on a fraction of the vertices and 0 outside; `border` in deviations of the field they are cut of."""
+    """Return 1 inside patches on a fraction of the vertices, 0 outside; `border` is in deviations of the field behind them."""
     field = gaussian_field(mesh.points, (size_m, 2.5 * size_m), rng)
     inside = np.clip((field - np.quantile(field, 1.0 - coverage)) / border + 0.5, 0.0, 1.0)
     return np.asarray(inside * inside * (3.0 - 2.0 * inside))
