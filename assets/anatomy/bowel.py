@@ -6,6 +6,7 @@ import numpy as np
 
 from laploop.arrays import Array
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
+from laploop.assets.anatomy.beds import grown
 from laploop.assets.anatomy.distance_grid import DistanceGrid
 from laploop.assets.anatomy.paths import HeightMap, arc_length, lowered, wandering_path
 
@@ -23,7 +24,7 @@ def bowel_loops(rng: np.random.Generator) -> AnatomyMesh:
     blend = rng.uniform(0.0, 0.002)
     for path, radii in tubes:
         grid.add_tube(path, radii, blend)
-    return grid.surface()
+    return grown(grid.surface(), rng)
 
 
 def bowel_tubes(rng: np.random.Generator, *, half_width_m: float) -> list[Tube]:

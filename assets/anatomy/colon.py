@@ -7,6 +7,7 @@ from scipy.spatial import cKDTree
 
 from laploop.arrays import Array
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
+from laploop.assets.anatomy.beds import grown
 from laploop.assets.anatomy.distance_grid import DistanceGrid
 from laploop.assets.anatomy.paths import arc_length, wandering_path
 
@@ -25,7 +26,7 @@ def colon(rng: np.random.Generator) -> AnatomyMesh:
     grid.add_tube(path, radius)
     body = grid.surface()
     points = haustrated(body.points, path, radius, rng)
-    return AnatomyMesh(points=points, triangles=body.triangles, parts=body.parts)
+    return grown(AnatomyMesh(points=points, triangles=body.triangles, parts=body.parts), rng)
 
 
 def haustrated(points: Array, path: Array, radius: float, rng: np.random.Generator) -> Array:

@@ -26,6 +26,8 @@ class Family:
     """How often it is drawn among those of its kind, relative to the others."""
     wall_fraction: float = 0.0
     """Fraction of its scenes with a wall behind it."""
+    wall_below: bool = False
+    """Whether the wall lies below the lowest point; else it may cut the organ, which then stands out of it."""
 
     def build(self, rng: np.random.Generator) -> AnatomyMesh:
         """Draw one shape, 80 to 140 mm wide, in about half a second.
@@ -45,7 +47,7 @@ FAMILIES: Mapping[str, Family] = MappingProxyType(
         "sacs": Family(builder="sacs:sacs", wall_fraction=0.7),
         "folds": Family(builder="folds:overhanging_folds", wall_fraction=0.7),
         "strands": Family(builder="strands:strands", wall_fraction=1.0),
-        "cavities": Family(builder="cavities:cavities", wall_fraction=0.5),
+        "cavities": Family(builder="cavities:cavities", wall_fraction=0.5, wall_below=True),
         "resections": Family(builder="resections:resections", wall_fraction=0.7),
         "wall": Family(builder="walls:wall", weight=1.5, wall_fraction=0.5),
         "colon": Family(builder="colon:colon", held_out=True, wall_fraction=0.9),

@@ -5,25 +5,24 @@ import math
 import numpy as np
 
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
+from laploop.assets.anatomy.beds import above, bed, grown
 from laploop.assets.anatomy.distance_grid import DistanceGrid
-from laploop.assets.anatomy.paths import STEP_M, relief, wandering_path
+from laploop.assets.anatomy.paths import STEP_M, wandering_path
 
 _LEVELS = 14
 
 
 def overhanging_folds(rng: np.random.Generator) -> AnatomyMesh:
     """Return folds 8 to 30 mm high and 3 to 9 mm thick that lean by up to 55 degrees."""
-    half = rng.uniform(0.050, 0.062)
+    half = rng.uniform(0.060, 0.075)
     height, thick = rng.uniform(0.008, 0.030), rng.uniform(0.0015, 0.0045)
     rim = thick * rng.uniform(1.0, 2.2)
-    grid = DistanceGrid([-half, -half, -0.008], [half, half, height + rim + 0.004])
-    z = grid.coordinates[2]
-    bed = rng.uniform(0.0, 0.003) * relief(grid.values.shape[:2], rng.uniform(0.02, 0.05) / grid.spacing_m, rng)
-    grid.unite((z - bed[:, :, None]).astype(np.float32))
+    grid = DistanceGrid([-half, -half, -0.012], [half, half, height + rim + 0.004])
+    grid.unite(above(grid, bed(grid, rng, rough_m=0.003)))
     lean = math.radians(rng.uniform(15.0, 55.0))
     blend = rng.uniform(0.001, 0.004)
     for _ in range(rng.integers(3, 9)):
-        flat = wandering_path(rng.uniform(0.06, 0.16), 0.9 * half, rng.uniform(0.015, 0.06), rng)
+        flat = wandering_path(rng.uniform(0.06, 0.16), 0.65 * half, rng.uniform(0.015, 0.06), rng)
         ahead = np.gradient(flat, axis=0)
         aside = np.column_stack([-ahead[:, 1], ahead[:, 0]]) / np.linalg.norm(ahead, axis=1, keepdims=True)
         # A fold rises from the bed at its ends.
@@ -37,4 +36,4 @@ def overhanging_folds(rng: np.random.Generator) -> AnatomyMesh:
         path[..., 2] = own[:, None] * level
         radii = np.broadcast_to(thick + (rim - thick) * level**6, (len(flat), _LEVELS))
         grid.add_tube(path.reshape(-1, 3), radii.ravel(), blend)
-    return grid.surface()
+    return grown(grid.surface(), rng)

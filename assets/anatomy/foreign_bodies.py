@@ -3,20 +3,18 @@
 import numpy as np
 
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
+from laploop.assets.anatomy.beds import above, bed
 from laploop.assets.anatomy.distance_grid import DistanceGrid
-from laploop.assets.anatomy.paths import relief
 
 
 def foreign_bodies(rng: np.random.Generator) -> AnatomyMesh:
     """Return 8 to 40 bodies, 3 to 16 mm across, on a bed or standing out of it."""
-    half = rng.uniform(0.050, 0.062)
-    grid = DistanceGrid([-half, -half, -0.010], [half, half, 0.032])
-    z = grid.coordinates[2]
-    bed = rng.uniform(0.0, 0.004) * relief(grid.values.shape[:2], rng.uniform(0.02, 0.06) / grid.spacing_m, rng)
-    grid.unite((z - bed[:, :, None]).astype(np.float32))
+    half = rng.uniform(0.060, 0.075)
+    grid = DistanceGrid([-half, -half, -0.012], [half, half, 0.032])
+    grid.unite(above(grid, bed(grid, rng, rough_m=0.004)))
     for _ in range(rng.integers(8, 41)):
         radius = rng.uniform(0.0015, 0.008)
-        place = np.append(rng.uniform(-half, half, size=2), radius * rng.uniform(-0.2, 1.2))
+        place = np.append(rng.uniform(-0.6, 0.6, size=2) * half, radius * rng.uniform(-0.2, 1.2))
         if rng.random() < 0.5:
             path = place[None]
         else:

@@ -4,6 +4,7 @@ import numpy as np
 
 from laploop.arrays import Array
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
+from laploop.assets.anatomy.beds import above, bed, grown
 from laploop.assets.anatomy.distance_grid import DistanceGrid
 
 Spheres = tuple[Array, Array]
@@ -12,13 +13,12 @@ Spheres = tuple[Array, Array]
 
 def smooth_lobes(rng: np.random.Generator) -> AnatomyMesh:
     """Return lobes 10 to 90 mm across on a common bed."""
-    half = rng.uniform(0.050, 0.065)
-    (centres, radii), blend = lobe_spheres(rng, half_width_m=half)
-    grid = DistanceGrid([-half, -half, 0.0], [half, half, float((centres[:, 2] + radii).max()) + 0.004])
+    half = rng.uniform(0.060, 0.075)
+    (centres, radii), blend = lobe_spheres(rng, half_width_m=0.72 * half)
+    grid = DistanceGrid([-half, -half, -0.012], [half, half, float((centres[:, 2] + radii).max()) + 0.004])
     grid.add_spheres(centres, radii, blend)
-    _, _, z = grid.coordinates
-    grid.unite(np.broadcast_to(z - np.float32(0.006), grid.values.shape), blend)
-    return grid.surface()
+    grid.unite(above(grid, bed(grid, rng, rough_m=0.006)), blend)
+    return grown(grid.surface(), rng, bend_m=0.010)
 
 
 def lobe_spheres(rng: np.random.Generator, *, half_width_m: float) -> tuple[Spheres, float]:

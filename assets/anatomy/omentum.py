@@ -3,6 +3,7 @@
 import numpy as np
 
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
+from laploop.assets.anatomy.beds import grown
 from laploop.assets.anatomy.distance_grid import DistanceGrid
 from laploop.assets.anatomy.paths import relief
 
@@ -24,4 +25,4 @@ def omentum(rng: np.random.Generator) -> AnatomyMesh:
     centres = np.column_stack([flat, sheet + rng.normal(0.0, 0.4 * mean, size=count)])[kept]
     grid = DistanceGrid.around(centres, 2.0 * mean + 0.004)
     grid.add_spheres(centres, np.minimum(radii, 0.007)[kept], rng.uniform(0.15, 0.6) * mean)
-    return grid.surface()
+    return grown(grid.surface(), rng)

@@ -6,22 +6,21 @@ import numpy as np
 
 from laploop.arrays import Array
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
+from laploop.assets.anatomy.beds import above, bed, grown
 from laploop.assets.anatomy.distance_grid import DistanceGrid
-from laploop.assets.anatomy.paths import relief, spline
+from laploop.assets.anatomy.paths import spline
 
 
 def sacs(rng: np.random.Generator) -> AnatomyMesh:
     """Return one to three sacs, 20 to 60 mm across, on an uneven bed."""
-    half = rng.uniform(0.050, 0.065)
-    bodies = [sac(rng, half_width_m=0.6 * half) for _ in range(rng.integers(1, 4))]
+    half = rng.uniform(0.060, 0.078)
+    bodies = [sac(rng, half_width_m=0.45 * half) for _ in range(rng.integers(1, 4))]
     highest = max(float((path[:, 2] + radii).max()) for path, radii in bodies)
     grid = DistanceGrid([-half, -half, -0.012], [half, half, highest + 0.004])
-    z = grid.coordinates[2]
-    bed = rng.uniform(0.0, 0.004) * relief(grid.values.shape[:2], rng.uniform(0.015, 0.05) / grid.spacing_m, rng)
-    grid.unite((z - bed[:, :, None]).astype(np.float32))
+    grid.unite(above(grid, bed(grid, rng, rough_m=0.004)))
     for path, radii in bodies:
         grid.add_tube(path, radii, rng.uniform(0.001, 0.006))
-    return grid.surface()
+    return grown(grid.surface(), rng)
 
 
 def sac(rng: np.random.Generator, *, half_width_m: float) -> tuple[Array, Array]:

@@ -4,6 +4,7 @@ import numpy as np
 
 from laploop.arrays import Array
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
+from laploop.assets.anatomy.beds import grown
 from laploop.assets.anatomy.distance_grid import DistanceGrid
 from laploop.assets.anatomy.paths import spline
 
@@ -13,7 +14,7 @@ def stomach(rng: np.random.Generator) -> AnatomyMesh:
     path, radii = stomach_axis(rng)
     grid = DistanceGrid.around(path, float(radii.max()) + 0.004)
     grid.add_tube(path, radii)
-    return grid.surface(smoothing=1.2)
+    return grown(grid.surface(smoothing=1.2), rng, bend_m=0.010)
 
 
 def stomach_axis(rng: np.random.Generator) -> tuple[Array, Array]:

@@ -3,6 +3,7 @@
 import numpy as np
 
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
+from laploop.assets.anatomy.beds import grown
 from laploop.assets.anatomy.distance_grid import DistanceGrid
 from laploop.assets.anatomy.paths import spline
 
@@ -29,4 +30,4 @@ def strands(rng: np.random.Generator) -> AnatomyMesh:
         if rng.random() < 0.3:
             radii = radii + own * rng.uniform(1.0, 2.5) * np.exp(-(((part - rng.uniform(-0.5, 0.5)) / 0.06) ** 2))
         grid.add_tube(path, radii, blend)
-    return grid.surface()
+    return grown(grid.surface(), rng)

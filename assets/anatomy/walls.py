@@ -8,14 +8,14 @@ from laploop.arrays import Array
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
 from laploop.assets.anatomy.paths import relief
 
-_SPACING_M = 8e-4
+_SPACING_M = 9e-4
 _BACK_SPACING_M = 1.4e-3
 _BACK_HALF_M = 0.130
 
 
 def wall(rng: np.random.Generator) -> AnatomyMesh:
     """Return a wall that is flat in three of ten cases, else with steps, bumps or both."""
-    x, y, height = _plane(rng.uniform(0.055, 0.070), _SPACING_M)
+    x, y, height = _plane(rng.uniform(0.080, 0.110), _SPACING_M)
     if rng.random() < 0.3:
         return _slab(x, y, height)
     if rng.random() < 0.6:

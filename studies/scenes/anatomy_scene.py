@@ -23,8 +23,12 @@ _SHAFT_DIAMETERS_M = (0.005, 0.008)
 _SHAFT_LENGTH_M = 0.300
 _NECK_M = 0.008
 _AWAY_M = np.array([2.0, 0.0, 1.0])
-_GAP_M = (0.0, 0.060)
-"""Between the lowest point of the organ and the middle of the wall behind it."""
+_GAP_M = (0.010, 0.070)
+"""From the organ's upper face to the middle of the wall behind it."""
+_BELOW_M = (0.0, 0.030)
+"""From the organ's lowest point, where the wall must lie below it."""
+_UNSEEN = -0.97
+"""Upward part of the normal of triangles that no camera sees: the flat undersides of organs on the table."""
 _PART_FACTORS = (0.5, 1.6)
 """Albedo of further organs and of the wall over the first organ's: fat beside serosa, for example."""
 _CELL_M = 2e-3
@@ -63,8 +67,10 @@ class AnatomyScene:
         self.tops = _tops(organ.points)
         meshes = [organ]
         if rng.random() < kind.wall_fraction:
-            meshes.append(_behind(organ, back_wall(rng), rng))
-        mesh = joined(meshes)
+            lowest, face = float(organ.points[:, 2].min()), float(np.median(self.tops[:, 2]))
+            level = lowest - rng.uniform(*_BELOW_M) if kind.wall_below else face - rng.uniform(*_GAP_M)
+            meshes.append(_lifted(back_wall(rng), level))
+        mesh = _seen(joined(meshes))
         surface = look.paint(mesh, rng)
         factors = np.concatenate([[1.0], rng.uniform(*_PART_FACTORS, size=int(mesh.parts.max()))])
         part = np.zeros(len(mesh.points), dtype=np.int32)
@@ -110,11 +116,16 @@ def _tops(points: Array) -> Array:
     return points[order[first]]
 
 
-def _behind(organ: AnatomyMesh, wall: AnatomyMesh, rng: np.random.Generator) -> AnatomyMesh:
-    """Return a wall moved behind an organ, which it may touch or cut."""
-    lowest = float(organ.points[:, 2].min())
-    down = np.array([0.0, 0.0, lowest - rng.uniform(*_GAP_M)])
-    return AnatomyMesh(points=wall.points + down, triangles=wall.triangles, parts=wall.parts)
+def _lifted(mesh: AnatomyMesh, level: float) -> AnatomyMesh:
+    return AnatomyMesh(points=mesh.points + [0.0, 0.0, level], triangles=mesh.triangles, parts=mesh.parts)
+
+
+def _seen(mesh: AnatomyMesh) -> AnatomyMesh:
+    """Return a mesh without the triangles that face away from every camera."""
+    corners = mesh.points[mesh.triangles]
+    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    kept = area[:, 2] > _UNSEEN * np.linalg.norm(area, axis=1)
+    return AnatomyMesh(points=mesh.points, triangles=mesh.triangles[kept], parts=mesh.parts[kept])
 
 
 def _tool(radius: float, tip_radius: float) -> primitives.Surface:
