@@ -91,8 +91,8 @@ def appearance_factor(
     number of draws does not depend on the appearance, so that patches stay in place when they get darker.
     """
     size = appearance.patch_size_m
-    field = _gaussian_field(points_at_rest, (_PATCH_BAND[0] * size, _PATCH_BAND[1] * size), rng)
-    fine = _gaussian_field(points_at_rest, _FINE_WAVELENGTHS_M, rng)
+    field = gaussian_field(points_at_rest, (_PATCH_BAND[0] * size, _PATCH_BAND[1] * size), rng)
+    fine = gaussian_field(points_at_rest, _FINE_WAVELENGTHS_M, rng)
     factor = 1.0 + appearance.detail * fine
     if appearance.coverage > 0.0:
         threshold = np.quantile(field, 1.0 - appearance.coverage)
@@ -112,10 +112,12 @@ def _texture(points_at_rest: NDArray[np.floating], rng: np.random.Generator) -> 
     return factor.astype(np.float32)
 
 
-def _gaussian_field(points: NDArray[np.floating], wavelengths_m: Span[float], rng: np.random.Generator) -> Array:
+def gaussian_field(
+    points: NDArray[np.floating], wavelengths_m: Span[float], rng: np.random.Generator, *, waves: int = _WAVES
+) -> Array:
     """Return a sum of plane waves at points (n, 3), close to Gaussian with mean 0 and standard deviation 1."""
-    waves, _ = _plane_waves(points, wavelengths_m, _WAVES, rng)
-    return np.asarray(np.sqrt(2.0 / _WAVES) * waves.sum(axis=1))
+    values, _ = _plane_waves(points, wavelengths_m, waves, rng)
+    return np.asarray(np.sqrt(2.0 / waves) * values.sum(axis=1))
 
 
 def _plane_waves(

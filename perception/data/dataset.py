@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.assets.anatomy.families import FAMILIES, TISSUE_FAMILY
+from laploop.assets.anatomy.textures import OWN_TEXTURE, TEXTURES
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Rig
@@ -62,6 +64,37 @@ class DepthDataset(ABC):
         Raises:
             InvalidValueError: If there is no such frame.
         """
+
+    def family(self, index: int) -> str:
+        """Return the family of shapes that a frame shows, a name of `laploop.assets.anatomy` or `tissue`.
+
+        Raises:
+            InvalidValueError: If there is no such frame.
+        """
+        self._check_index(index)
+        return TISSUE_FAMILY
+
+    def texture(self, index: int) -> str:
+        """Return the kind of texture that a frame shows, a name of `laploop.assets.anatomy` or `own`; raises as `family`."""
+        self._check_index(index)
+        return OWN_TEXTURE
+
+    def shown(self) -> tuple[frozenset[str], frozenset[str]]:
+        """Return the families and the textures of all frames, whether done or not."""
+        return frozenset({TISSUE_FAMILY}), frozenset({OWN_TEXTURE})
+
+    def check_learnable(self) -> None:
+        """Check that networks may learn from this data set.
+
+        Raises:
+            InvalidValueError: If it shows a family or a texture that is held out.
+        """
+        families, textures = self.shown()
+        kept = sorted(name for name in families if name in FAMILIES and FAMILIES[name].held_out)
+        kept += sorted(name for name in textures if name in TEXTURES and TEXTURES[name].held_out)
+        if kept:
+            allowed = "none: what is held out shows how a network does on what it never learned from"
+            raise InvalidValueError(f"held-out families and textures of {self.path}", ", ".join(kept), allowed)
 
     def indices(self, split: str) -> NDArray[np.intp]:
         """Return the frames of a split that are done.

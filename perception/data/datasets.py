@@ -22,6 +22,6 @@ def open_dataset(path: Path) -> FrameStore | PairStore:
     with refusing_damage(f"data set {path}"):
         found = open_group(path, commands).attrs.get("format")
     for kind in (FrameStore, PairStore):
-        if found in (kind.FORMAT, *kind.OLDER_FORMATS):
+        if found in (kind.FORMAT, *kind.READABLE_FORMATS, *kind.OLDER_FORMATS):
             return kind.open(path)
     raise DatasetError(f"data set {path} has the format {found!r}; allowed: one that {commands} made")

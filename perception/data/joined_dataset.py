@@ -57,6 +57,21 @@ class JoinedDataset(DepthDataset):
         part, within = self._find(index)
         return part.rig(within)
 
+    def family(self, index: int) -> str:
+        """Return the family of shapes that a frame shows."""
+        part, within = self._find(index)
+        return part.family(within)
+
+    def texture(self, index: int) -> str:
+        """Return the kind of texture that a frame shows."""
+        part, within = self._find(index)
+        return part.texture(within)
+
+    def shown(self) -> tuple[frozenset[str], frozenset[str]]:
+        """Return the families and the textures of all frames."""
+        families, textures = zip(*(part.shown() for part in self._parts), strict=True)
+        return frozenset().union(*families), frozenset().union(*textures)
+
     def _find(self, index: int) -> tuple[DepthDataset, int]:
         self._check_index(index)
         part = int(np.searchsorted(self._starts, index, side="right")) - 1

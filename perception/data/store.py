@@ -49,6 +49,9 @@ class Store(DepthDataset):
 
     FORMAT: ClassVar[str]
     OLDER_FORMATS: ClassVar[tuple[str, ...]]
+    """Formats that cannot be read any more."""
+    READABLE_FORMATS: ClassVar[tuple[str, ...]] = ()
+    """Older formats that can."""
     COMMAND: ClassVar[str]
     """The command that makes such a data set."""
     NOUN: ClassVar[str] = "frame"
@@ -187,7 +190,7 @@ class Store(DepthDataset):
         found = self._attributes.get("format")
         if found in self.OLDER_FORMATS:
             raise DatasetError(f"data set {self.path} was made by an older version; make it anew with {self.COMMAND}")
-        if found != self.FORMAT:
+        if found not in (self.FORMAT, *self.READABLE_FORMATS):
             raise DatasetError(
                 f"data set {self.path} has the format {found!r}; allowed: {self.FORMAT!r}, made by {self.COMMAND}"
             )

@@ -45,12 +45,13 @@ class TrainingRun:
         """Check what can be checked before the data are read.
 
         Raises:
-            InvalidValueError: If the data set does not fit the network, or Lightning is not installed.
+            InvalidValueError: If the data set does not fit the network or shows what is held out, or Lightning is missing.
             OutputError: If `out` holds a training and `resume` is off.
         """
         require_lightning()
         config.check_image(f"{self.dataset.path}", (self.dataset.optics.height, self.dataset.optics.width))
         check_against(self.dataset, self.against)
+        self.dataset.check_learnable()
         for checkpoint in (self.out / CHECKPOINT_NAME, *self.out.glob(f"*/{CHECKPOINT_NAME}")):
             check_fresh(checkpoint, resume=self.resume)
 

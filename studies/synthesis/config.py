@@ -1,15 +1,19 @@
 """Which training frames are rendered."""
 
-from dataclasses import field
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 import numpy as np
 
+from laploop.assets.anatomy.families import FAMILIES, TISSUE_FAMILY, Family, family_named, family_names
+from laploop.assets.anatomy.textures import OWN_TEXTURE, TEXTURES, Texture
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.tissue_appearance import AppearanceRanges, TissueAppearance, draw_appearance
 from laploop.configuration import Field, Seed, Workers, configuration, to_plain
 from laploop.envs.sensors.optics.scope_ranges import ScopeRanges, draw_scope
 from laploop.errors import InvalidValueError
+from laploop.studies.scenes.anatomy_optics import AnatomyRanges
 from laploop.studies.scenes.frame_conditions import FrameRanges
 
 _STREAM = 71
@@ -17,6 +21,14 @@ _STREAM = 71
 
 Tissues = Annotated[int, Field(ge=0, le=100_000)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class World:
+    """What a scene is."""
+
+    family: str = TISSUE_FAMILY
+    texture: str = OWN_TEXTURE
 
 
 @configuration
@@ -44,12 +56,28 @@ class TrainingFramesConfig:
     """Fraction of the frames with the instrument in which it covers a large part of the view."""
     ill_exposed_share: Fraction = 0.0
     """Fraction of the frames in which a tenth to half of the pixels are saturated, or dark."""
+    worlds: Fraction = 0.0
+    """Fraction of the scenes that show anatomy of many families, without physics, in place of a tissue."""
+    families: tuple[str, ...] = ()
+    """Families of anatomy to draw from, evenly; one that is named twice comes twice as often. By default all that networks may
+    learn from, or, with `held_out`, all that are held out."""
+    held_out: bool = False
+    """Render only families of anatomy that no network may learn from, half of them in a held-out texture; test split only."""
+    anatomy_ranges: AnatomyRanges = field(default_factory=AnatomyRanges)
+    """Pose, light and surfaces of anatomy scenes."""
 
     def __post_init__(self) -> None:
         if self.tissues == 0:
             raise InvalidValueError("number of tissues", 0, "at least 1 over the three splits")
         if self.frames > 1_000_000:
             raise InvalidValueError("number of frames", self.frames, "at most 1000000")
+        for name in self.families:
+            if family_named(name).held_out != self.held_out:
+                allowed = ", ".join(family_names(held_out=self.held_out))
+                raise InvalidValueError("families", name, f"{allowed}; the others with{'out' * self.held_out} held_out")
+        if self.held_out and self.train_tissues + self.val_tissues > 0:
+            splits = (self.train_tissues, self.val_tissues)
+            raise InvalidValueError("train_tissues and val_tissues", splits, "0 and 0 with held_out")
 
     @property
     def tissues(self) -> int:
@@ -85,3 +113,29 @@ class TrainingFramesConfig:
         rng = np.random.default_rng([self.seed, _STREAM, 3, tissue])
         drawn = rng.random() < self.randomised_appearances
         return draw_appearance(rng, self.appearance_ranges) if drawn else TissueAppearance()
+
+    def world_of(self, tissue: int) -> World:
+        """Return what a scene shows."""
+        rng = np.random.default_rng([self.seed, _STREAM, 4, tissue])
+        anatomy, unseen_texture = rng.random(), rng.random()
+        if not self.held_out and anatomy >= self.worlds:
+            return World()
+        return World(
+            family=self._drawn_family(rng),
+            texture=_drawn(_kept(TEXTURES, held_out=self.held_out and unseen_texture < 0.5), rng),
+        )
+
+    def _drawn_family(self, rng: np.random.Generator) -> str:
+        if self.families:
+            return self.families[rng.integers(len(self.families))]
+        return _drawn(_kept(FAMILIES, held_out=self.held_out), rng)
+
+
+def _kept(kinds: Mapping[str, Family] | Mapping[str, Texture], *, held_out: bool) -> dict[str, float]:
+    """Return the weights, by name, of those that are held out or of those that are not."""
+    return {name: kind.weight for name, kind in kinds.items() if kind.held_out == held_out}
+
+
+def _drawn(weights: Mapping[str, float], rng: np.random.Generator) -> str:
+    values = np.array(list(weights.values()))
+    return list(weights)[rng.choice(len(values), p=values / values.sum())]

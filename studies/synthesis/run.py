@@ -1,11 +1,12 @@
 """Renders training frames of many tissues, with exact depth."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from laploop.assets.anatomy.families import TISSUE_FAMILY
 from laploop.assets.shafts import INSTRUMENT
 from laploop.assets.tissue_config import TissueConfig
 from laploop.envs.sensors.stripe_camera import StripeCamera
@@ -14,13 +15,14 @@ from laploop.perception.data.dataset import SPLITS
 from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.geometry import Rig
 from laploop.studies.scenes.frame_conditions import CameraPose, draw_camera, draw_optics, draw_tool
-from laploop.studies.scenes.hard_conditions import ill_exposure, place_large_tool
+from laploop.studies.scenes.hard_conditions import place_large_tool
 from laploop.studies.scenes.training_scene import TrainingScene
+from laploop.studies.synthesis.anatomy_frames import render_anatomy
+from laploop.studies.synthesis.capture import write_frame
 from laploop.studies.synthesis.config import TrainingFramesConfig
 from laploop.workers import run_in_workers
 
 _PRESS_TRAVEL_M = 0.006
-_ILL_EXPOSED_FRACTIONS = (0.1, 0.5)
 
 
 def render_training_frames(config: TrainingFramesConfig, out: Path, *, report: Callable[[int], None] = lambda _: None) -> Path:
@@ -57,6 +59,9 @@ def _open_or_create(config: TrainingFramesConfig, out: Path) -> FrameStore:
         return store
     tissue = np.repeat(np.arange(config.tissues), config.frames_per_tissue)
     counts = (config.train_tissues, config.val_tissues, config.test_tissues)
+    worlds = [config.world_of(number) for number in range(config.tissues)]
+    families, family = np.unique([world.family for world in worlds], return_inverse=True)
+    textures, texture = np.unique([world.texture for world in worlds], return_inverse=True)
     split_of_tissue = np.repeat(np.arange(len(SPLITS), dtype=np.uint8), counts)
     return FrameStore.create(
         out,
@@ -67,6 +72,10 @@ def _open_or_create(config: TrainingFramesConfig, out: Path) -> FrameStore:
         split=split_of_tissue[tissue],
         tool_in_view=np.array([config.frame_rng(index).random() < config.tool_share for index in range(len(tissue))]),
         config=config.recipe,
+        families=families.tolist(),
+        family=family[tissue].astype(np.int32),
+        textures=textures.tolist(),
+        texture=texture[tissue].astype(np.int32),
     )
 
 
@@ -76,27 +85,29 @@ def _render_tissue(config: TrainingFramesConfig, out: Path, tissue: int) -> int:
     first = tissue * config.frames_per_tissue
     done = store.done()
     todo = [index for index in range(first, first + config.frames_per_tissue) if not done[index]]
+    world = config.world_of(tissue)
+    if world.family == TISSUE_FAMILY:
+        _render_height_field(config, store, tissue, todo)
+    else:
+        render_anatomy(config, store, tissue, world, todo)
+    return len(todo)
+
+
+def _render_height_field(config: TrainingFramesConfig, store: FrameStore, tissue: int, frames: Sequence[int]) -> None:
+    """Render some frames of a tissue that MuJoCo carries."""
     tissue_rng = config.tissue_rng(tissue)
     scene = TrainingScene(TissueConfig(), tissue_rng)
     camera = StripeCamera(Rig.from_optics(config.scope_of(tissue)), threads=1)
     camera.attach(scene.model, tissue=scene.tissue, rng=tissue_rng, appearance=config.appearance_of(tissue))
-    for index in todo:
+    for index in frames:
         rng = config.frame_rng(index)
         with_tool = rng.random() < config.tool_share
         scene.reset()
         pose = draw_camera(config.ranges, scene.mean_height_m, rng)
         if with_tool:
             _place_tool(config, scene, camera, pose, rng)
-        optics = draw_optics(config.ranges, pose.working_distance_m, rng)
-        camera.set_optics(optics)
-        # An option that is off draws no numbers, so that the frames of a seed do not depend on it.
-        if config.ill_exposed_share > 0.0 and rng.random() < config.ill_exposed_share:
-            expected = camera.capture(scene.data, pose.world_from_camera, None).electrons
-            fraction = rng.uniform(*_ILL_EXPOSED_FRACTIONS)
-            camera.set_optics(ill_exposure(expected, optics, fraction, saturated=index % 2 == 0))
-        frame = camera.capture(scene.data, pose.world_from_camera, rng)
-        store.write(index, image=frame.image, depth_mm=frame.depth_mm, lit=frame.lit)
-    return len(todo)
+        camera.set_optics(draw_optics(config.ranges, pose.working_distance_m, rng))
+        write_frame(config, store, index, camera, scene.data, pose, rng)
 
 
 def _place_tool(

@@ -82,7 +82,7 @@ def test_missing_store_is_named_with_its_path(tmp_path):
 )
 def test_store_of_another_format_is_refused(store, other, message):
     text = (store.path / "zarr.json").read_text()
-    (store.path / "zarr.json").write_text(text.replace("frames-3", other))
+    (store.path / "zarr.json").write_text(text.replace("frames-4", other))
     with pytest.raises(DatasetError, match=message):
         FrameStore.open(store.path)
 
