@@ -5,13 +5,15 @@ from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
 
 from laploop.assets.ranges import Span, check_ordered
 from laploop.configuration import Field, configuration
+from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.optics.presets import Light, OpticsRanges, draw_light, randomised_surfaces
-from laploop.envs.sensors.optics.stripe_optics import Fraction, Material, Roughness, StrayFraction, StripeOptics
+from laploop.envs.sensors.optics.stripe_optics import Fraction, Material, Roughness, StripeOptics
+from laploop.envs.sensors.stripe_capture import StripeCapture
 from laploop.errors import InvalidValueError
+from laploop.studies.scenes.light_variety import draw_response, draw_subsurface
 
 _ORGAN_ALBEDOS: tuple[Span[float], ...] = ((0.05, 0.15), (0.3, 0.5), (0.5, 0.7), (0.05, 0.7))
 """Diffuse reflectance in green light of liver, of serosa, of fat, and of anything between; each for a quarter of the scenes."""
@@ -36,7 +38,7 @@ class AnatomyRanges(OpticsRanges):
     """Bounds on what the kinds of organ give."""
     tissue_roughness: Span[Roughness] = (0.06, 0.7)
     """Bounds on what wet and bare surfaces give."""
-    stray_fraction: Span[StrayFraction] = (0.02, 0.20)
+    cavity_fraction: Span[Fraction] = (0.02, 0.40)
     working_distance_m: Span[Distance] = (0.060, 0.140)
     """From the camera to the point of the organ that it looks at."""
     usual_distance_m: Span[Distance] = (0.070, 0.110)
@@ -47,7 +49,7 @@ class AnatomyRanges(OpticsRanges):
     """Of the frames, those taken from afar."""
     tilt_rad: Annotated[float, Field(ge=0.0, le=1.2)] = math.radians(45.0)
     """Largest angle between the camera's axis and the vertical."""
-    auto_exposure_fraction: Annotated[float, Field(ge=0.0, le=1.0)] = 0.4
+    auto_exposure_fraction: Annotated[float, Field(ge=0.0, le=1.0)] = 0.8
     """Of the frames, those whose light brings the bright stripes to a level drawn from `exposure_level`. In half of the others
     the light is multiplied by the squared distance; in the rest it is what was drawn."""
     exposure_level: Span[Level] = (0.25, 1.0)
@@ -82,7 +84,7 @@ def draw_materials(ranges: AnatomyRanges, rng: np.random.Generator) -> AnatomyMa
         albedo=float(np.clip(albedo, *ranges.tissue_albedo)),
         reflectance=rng.uniform(*(_WET_REFLECTANCE if wet else _BARE_REFLECTANCE)),
         roughness=float(np.clip(roughness, *ranges.tissue_roughness)),
-        subsurface_fwhm_m=rng.uniform(*ranges.subsurface_fwhm_m),
+        subsurface=draw_subsurface(ranges.subsurface_fwhm_m, rng),
     )
     film = replace(tissue, reflectance=rng.uniform(*_WET_REFLECTANCE), roughness=rng.uniform(*_FILM_ROUGHNESS))
     return AnatomyMaterials(tissue=tissue, film=film)
@@ -97,24 +99,21 @@ def draw_anatomy_optics(
     if rng.random() < 0.5:
         light *= (distance_m / 0.085) ** 2
     optics = randomised_surfaces(replace(nominal, led_power_w=nominal.led_power_w * light), rng, ranges)
-    return _with_response(replace(optics, tissue=materials.tissue, other=materials.film), rng)
+    return replace(optics, tissue=materials.tissue, other=materials.film, response=draw_response(rng))
 
 
-def auto_exposed(electrons: NDArray[np.float32], optics: StripeOptics, level: float) -> StripeOptics:
+def auto_exposed(capture: StripeCapture, optics: StripeOptics, level: float) -> StripeOptics:
     """Return the optics with the light that a settled automatic exposure gives.
 
+    It looks at the scene and not at an instrument, which shines when it comes close, as operators set the metered field.
+
     Args:
-        electrons: Those expected of every pixel with `optics`, proportional to the power.
+        capture: Taken with `optics`; its electrons are proportional to the power.
         optics: What to change.
-        level: 95th percentile that the image should have, as a fraction of full scale.
+        level: 95th percentile that the scene's signal should have, as a fraction of full scale.
     """
-    found = float(np.percentile(electrons, _EXPOSED_PERCENTILE)) / optics.full_well_electrons
-    return replace(optics, led_power_w=min(10.0, optics.led_power_w * level / max(found, 1e-4)))
-
-
-def _with_response(optics: StripeOptics, _rng: np.random.Generator) -> StripeOptics:
-    """Draw the sensor's gain and gamma: the place for it, as soon as the optics have a response to draw.
-
-    It comes last, so that the other draws of a seed stay as they are.
-    """
-    return optics
+    scene = capture.electrons[capture.object_id != int(ObjectId.TOOL)]
+    if scene.size == 0:
+        return optics
+    found = float(np.percentile(scene, _EXPOSED_PERCENTILE)) / optics.full_well_electrons
+    return replace(optics, led_power_w=min(10.0, optics.led_power_w * optics.response.signal(level) / max(found, 1e-4)))

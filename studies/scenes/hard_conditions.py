@@ -69,10 +69,8 @@ def ill_exposure(electrons: NDArray[np.float32], optics: StripeOptics, fraction:
 
     `electrons` are those expected of every pixel with `optics`, proportional to the power.
     """
-    grey = 255.0 * electrons / optics.full_well_electrons
-    if saturated:
-        factor = SATURATED_GREY / max(float(np.quantile(grey, 1.0 - fraction)), 1e-3)
-    else:
-        factor = DARK_GREY / max(float(np.quantile(grey, fraction)), 1e-3)
+    signal = electrons / optics.full_well_electrons
+    grey, place = (SATURATED_GREY, 1.0 - fraction) if saturated else (DARK_GREY, fraction)
+    factor = optics.response.signal(grey / 255.0) / max(float(np.quantile(signal, place)), 1e-5)
     power = min(10.0, optics.led_power_w * factor)
     return replace(optics, led_power_w=power)

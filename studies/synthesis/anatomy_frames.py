@@ -30,6 +30,6 @@ def render_anatomy(config: TrainingFramesConfig, store: FrameStore, tissue: int,
         camera.set_optics(optics)
         exposed, level = rng.random(), rng.uniform(*ranges.exposure_level)
         if exposed < ranges.auto_exposure_fraction:
-            expected = camera.capture(None, pose.world_from_camera, None).electrons
+            expected = camera.capture(None, pose.world_from_camera, None)
             camera.set_optics(auto_exposed(expected, optics, level))
         write_frame(config, store, index, camera, None, pose, rng)

@@ -56,6 +56,8 @@ class TrainingFramesConfig:
     """Fraction of the frames with the instrument in which it covers a large part of the view."""
     ill_exposed_share: Fraction = 0.0
     """Fraction of the frames in which a tenth to half of the pixels are saturated, or dark."""
+    varied_light: Fraction = 0.0
+    """Fraction of the frames of tissues whose spread of light and camera response are drawn as those of anatomy are."""
     worlds: Fraction = 0.0
     """Fraction of the scenes that show anatomy of many families, without physics, in place of a tissue."""
     families: tuple[str, ...] = ()

@@ -1,6 +1,7 @@
 """Renders training frames of many tissues, with exact depth."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.geometry import Rig
 from laploop.studies.scenes.frame_conditions import CameraPose, draw_camera, draw_optics, draw_tool
 from laploop.studies.scenes.hard_conditions import place_large_tool
+from laploop.studies.scenes.light_variety import draw_response, draw_subsurface
 from laploop.studies.scenes.training_scene import TrainingScene
 from laploop.studies.synthesis.anatomy_frames import render_anatomy
 from laploop.studies.synthesis.capture import write_frame
@@ -106,7 +108,11 @@ def _render_height_field(config: TrainingFramesConfig, store: FrameStore, tissue
         pose = draw_camera(config.ranges, scene.mean_height_m, rng)
         if with_tool:
             _place_tool(config, scene, camera, pose, rng)
-        camera.set_optics(draw_optics(config.ranges, pose.working_distance_m, rng))
+        optics = draw_optics(config.ranges, pose.working_distance_m, rng)
+        if config.varied_light > 0.0 and rng.random() < config.varied_light:
+            tissue = replace(optics.tissue, subsurface=draw_subsurface(config.ranges.subsurface_fwhm_m, rng))
+            optics = replace(optics, tissue=tissue, response=draw_response(rng))
+        camera.set_optics(optics)
         write_frame(config, store, index, camera, scene.data, pose, rng)
 
 

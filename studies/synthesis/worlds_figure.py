@@ -48,7 +48,7 @@ def draw_worlds(path: Path, *, scenes: int = 2, seed: int = 0) -> None:
                 world.place_tools(draw_tools(world, camera, pose, rng))
             optics = draw_anatomy_optics(ranges, materials, pose.working_distance_m, rng)
             camera.set_optics(optics)
-            expected = camera.capture(None, pose.world_from_camera, None).electrons
+            expected = camera.capture(None, pose.world_from_camera, None)
             camera.set_optics(auto_exposed(expected, optics, _LEVEL))
             frame = camera.capture(None, pose.world_from_camera, rng)
             first = (number % 2) * 2 * scenes + 2 * scene
