@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from laploop.arrays import Array
@@ -76,9 +77,9 @@ class HeightMap:
             under = np.where(square < radius**2, z + np.sqrt(np.maximum(radius**2 - square, 0.0)), 0.0)
             self._height[rows, columns] = np.maximum(self._height[rows, columns], under)
 
-    def _cells(self, path: Array) -> Array:
+    def _cells(self, path: Array) -> NDArray[np.intp]:
         cells = np.rint((path + self._half) / self._PITCH_M).astype(int)
-        return np.clip(cells, 0, len(self._line) - 1)
+        return np.asarray(np.clip(cells, 0, len(self._line) - 1))
 
 
 def spline(knots: Array, step_m: float = STEP_M) -> Array:

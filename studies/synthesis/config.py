@@ -74,7 +74,9 @@ class TrainingFramesConfig:
         for name in self.families:
             if family_named(name).held_out != self.held_out:
                 allowed = ", ".join(family_names(held_out=self.held_out))
-                raise InvalidValueError("families", name, f"{allowed}; the others with{'out' * self.held_out} held_out")
+                raise InvalidValueError("families", name, f"with held_out {self.held_out}: {allowed}")
+        if self.families and self.worlds == 0.0 and not self.held_out:
+            raise InvalidValueError("families", self.families, "none with worlds 0")
         if self.held_out and self.train_tissues + self.val_tissues > 0:
             splits = (self.train_tissues, self.val_tissues)
             raise InvalidValueError("train_tissues and val_tissues", splits, "0 and 0 with held_out")
