@@ -33,7 +33,7 @@ def draw_worlds(path: Path, *, scenes: int = 2, seed: int = 0) -> None:
     rows = -(-len(FAMILIES) // 2)
     figure = Figure(figsize=(1.5 * columns, 1.62 * rows))
     axes = figure.subplots(rows, columns, squeeze=False)
-    ranges, textures = AnatomyRanges(), cycle(TEXTURES)
+    ranges, textures = AnatomyRanges(far_fraction=0.0), cycle(TEXTURES)
     camera = StripeCamera(Rig.from_optics(ScopeOptics()))
     for place in axes.flat:
         place.axis("off")
@@ -61,7 +61,7 @@ def draw_worlds(path: Path, *, scenes: int = 2, seed: int = 0) -> None:
     camera.close()
     figure.subplots_adjust(left=0.004, right=0.996, top=0.985, bottom=0.004, wspace=0.03, hspace=0.10)
     with whole_file(path) as partial:
-        figure.savefig(partial, format="png", dpi=100)
+        figure.savefig(partial, format="png", dpi=76)
 
 
 if __name__ == "__main__":
