@@ -53,7 +53,8 @@ class TrainingFramesConfig:
     """Fraction of the tissues with patches and detail drawn from `appearance_ranges`."""
     appearance_ranges: AppearanceRanges = field(default_factory=AppearanceRanges)
     large_tool_share: Fraction = 0.0
-    """Fraction of the frames with the instrument in which it covers a large part of the view."""
+    """Fraction of the frames of tissues with the instrument in which it covers a large part of the view. In anatomy scenes one
+    instrument in five is close to the lens."""
     ill_exposed_share: Fraction = 0.0
     """Fraction of the frames in which a tenth to half of the pixels are saturated, or dark."""
     worlds: Fraction = 0.0
