@@ -1,7 +1,6 @@
 """Organs as bodies that a theatre can carry as its phantom: one closed surface on a flat base."""
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -13,9 +12,7 @@ from laploop.assets.anatomy.distance_grid import DistanceGrid, rounded_box
 from laploop.assets.anatomy.lobes import lobe_spheres
 from laploop.assets.anatomy.sacs import sac
 from laploop.assets.anatomy.stomach import stomach_axis
-from laploop.assets.phantom_import.phantom_mesh import SUFFIXES
-from laploop.errors import InvalidValueError, UnknownNameError
-from laploop.whole_file import whole_file
+from laploop.errors import UnknownNameError
 
 _SPACING_M = 1.9e-3
 """Coarser than what is only looked at: at most 50 000 triangles, and nothing that tetrahedra of 4 mm cannot fill."""
@@ -46,27 +43,6 @@ def phantom_body(family: str, rng: np.random.Generator) -> AnatomyMesh:
     grid.keep_one_body()
     body = grid.surface(smoothing=0.0)
     return AnatomyMesh(points=body.points - [0.0, 0.0, body.points[:, 2].min()], triangles=body.triangles, parts=body.parts)
-
-
-def write_phantom(family: str, seed: int, path: Path) -> AnatomyMesh:
-    """Write the organ of a seed as a file that `load_phantom` reads, in millimetres, and return it.
-
-    Raises:
-        UnknownNameError: If there is no phantom of that family.
-        InvalidValueError: If the file's suffix is not one that `load_phantom` knows, or scikit-image is not installed.
-        OutputError: If the file cannot be written.
-    """
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InvalidValueError("suffix of the phantom's file", path.suffix, " or ".join(SUFFIXES))
-    body = phantom_body(family, np.random.default_rng(seed))
-
-    import trimesh
-
-    surface = trimesh.Trimesh(1e3 * body.points, body.triangles, process=False)
-    with whole_file(path) as partial:
-        surface.export(partial, file_type=suffix.removeprefix("."))
-    return body
 
 
 def _bowel(grid: DistanceGrid, rng: np.random.Generator) -> None:

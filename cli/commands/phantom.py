@@ -7,7 +7,7 @@ from typing import Annotated
 
 import tyro
 
-from laploop.assets.anatomy.phantom_body import PHANTOMS, write_phantom
+from laploop.assets.anatomy.phantom_body import PHANTOMS
 from laploop.cli.console import ResultTable
 from laploop.cli.parsing import parse
 from laploop.configuration import Seed
@@ -28,6 +28,8 @@ class PhantomArguments:
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     chosen = parse(PhantomArguments, arguments, "phantom")
+
+    from laploop.studies.synthesis.phantom_file import write_phantom  # slow to import
 
     body = write_phantom(chosen.family, chosen.seed, chosen.out)
     table = ResultTable(f"phantom {chosen.family}, seed {chosen.seed}")

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
-from laploop.assets.anatomy.phantom_body import PHANTOMS, phantom_body, write_phantom
+from laploop.assets.anatomy.phantom_body import PHANTOMS, phantom_body
 from laploop.assets.phantom_import.phantom_mesh import MAX_TRIANGLES, checked_surface
 from laploop.assets.tissue_config import TissueConfig
 from laploop.envs.theatre.config import TheatreConfig
 from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import InvalidValueError, UnknownNameError
+from laploop.studies.synthesis.phantom_file import write_phantom
 
 
 @pytest.mark.parametrize("family", PHANTOMS)
