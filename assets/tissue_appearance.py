@@ -106,21 +106,19 @@ def _texture(points_at_rest: NDArray[np.floating], rng: np.random.Generator) -> 
 
     A sum of plane waves with random directions, phases and wavelengths from 8 to 50 mm, longer ones stronger.
     """
-    waves, wavelength = _plane_waves(points_at_rest, _TEXTURE_WAVELENGTHS_M, _TEXTURE_WAVES, rng)
+    waves, wavelength = plane_waves(points_at_rest, _TEXTURE_WAVELENGTHS_M, _TEXTURE_WAVES, rng)
     weight = np.sqrt(wavelength / np.sum(wavelength) * 2.0) * _TEXTURE_STD
     factor: Array = np.clip(1.0 + waves @ weight, 0.5, 1.5)
     return factor.astype(np.float32)
 
 
-def gaussian_field(
-    points: NDArray[np.floating], wavelengths_m: Span[float], rng: np.random.Generator, *, waves: int = _WAVES
-) -> Array:
+def gaussian_field(points: NDArray[np.floating], wavelengths_m: Span[float], rng: np.random.Generator) -> Array:
     """Return a sum of plane waves at points (n, 3), close to Gaussian with mean 0 and standard deviation 1."""
-    values, _ = _plane_waves(points, wavelengths_m, waves, rng)
-    return np.asarray(np.sqrt(2.0 / waves) * values.sum(axis=1))
+    waves, _ = plane_waves(points, wavelengths_m, _WAVES, rng)
+    return np.asarray(np.sqrt(2.0 / _WAVES) * waves.sum(axis=1))
 
 
-def _plane_waves(
+def plane_waves(
     points: NDArray[np.floating], wavelengths_m: Span[float], count: int, rng: np.random.Generator
 ) -> tuple[Array, Array]:
     """Return plane waves of random direction and phase at points (n, 3), (n, count), and their wavelengths, (count,)."""

@@ -47,6 +47,7 @@ COMMANDS = {
     "fidelity": "measure what the cheaper simulation changes",
     "collect": "collect stripe frames paired with a reference camera's depth",
     "synthesize": "render stripe frames with exact depth, for training",
+    "phantom": "write an organ as a file that a theatre takes as its phantom",
     "train": "train a depth network on rendered frames or collected pairs",
     "characterize": "measure the stripes' contrast against distance",
     "calibrate": "calibrate cameras, projector and arm; true residuals",

@@ -4,14 +4,15 @@ import math
 
 import numpy as np
 
-from laploop.arrays import Array
-from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh, vertex_normals
+from laploop.arrays import Array, Float32
+from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
 from laploop.assets.anatomy.distance_grid import DistanceGrid
 from laploop.assets.anatomy.paths import relief
-from laploop.assets.tissue_appearance import gaussian_field
+from laploop.assets.tissue_appearance import plane_waves
 
-_WAVES = 12
-_RELIEF_WAVELENGTHS_M = (0.003, 0.012)
+_WAVES = 24
+_BEND_WAVELENGTHS_M = (0.040, 0.120)
+_RELIEF_WAVELENGTHS_M = (0.005, 0.025)
 
 
 def bed(grid: DistanceGrid, rng: np.random.Generator, *, rough_m: float, drop_m: float = 0.016) -> Array:
@@ -26,19 +27,25 @@ def bed(grid: DistanceGrid, rng: np.random.Generator, *, rough_m: float, drop_m:
     return np.asarray(uneven - drop_m * outwards ** rng.uniform(4.0, 12.0))
 
 
-def above(grid: DistanceGrid, height: Array) -> Array:
-    """Return how far the grid's points are above a height (nx, ny): the distances of what lies below it, to be united."""
-    return np.asarray(grid.coordinates[2] - height[:, :, None].astype(np.float32))
+def above(grid: DistanceGrid, height: Array) -> Float32:
+    """Return how far the grid's points are from the face at a height (nx, ny), negative below it, by the slope under each."""
+    across, along = np.gradient(height, grid.spacing_m)
+    steep = 1.0 / np.sqrt(1.0 + across**2 + along**2)
+    return np.asarray((grid.coordinates[2] - height[:, :, None].astype(np.float32)) * steep[:, :, None].astype(np.float32))
 
 
-def grown(mesh: AnatomyMesh, rng: np.random.Generator, *, bend_m: float = 0.004, relief_m: float = 0.0004) -> AnatomyMesh:
+def grown(mesh: AnatomyMesh, rng: np.random.Generator, *, bend_m: float = 0.004, relief_m: float = 0.0003) -> AnatomyMesh:
     """Return a mesh bent smoothly, by about `bend_m` at most, and roughened by fine relief: nothing that grows is regular.
 
-    The bending has wavelengths of 40 to 120 mm: neighbouring points move together, so that the surface stays closed.
+    Both move space, not the surface along its normals: neighbouring points move together, however close they are, so that no
+    triangle folds over.
     """
-    points, bend = mesh.points, rng.uniform(0.0, bend_m)
-    moves = np.stack([gaussian_field(points, (0.040, 0.120), rng, waves=_WAVES) for _ in range(3)], axis=1)
-    points = points + 0.5 * bend * moves
-    fine = rng.uniform(0.0, relief_m) * gaussian_field(points, _RELIEF_WAVELENGTHS_M, rng, waves=3 * _WAVES)
-    points = points + fine[:, None] * vertex_normals(points, mesh.triangles)
+    points = mesh.points + rng.uniform(0.0, 0.5 * bend_m) * _moves(mesh.points, _BEND_WAVELENGTHS_M, rng)
+    points = points + relief_m * rng.random() ** 2 * _moves(points, _RELIEF_WAVELENGTHS_M, rng)
     return AnatomyMesh(points=points, triangles=mesh.triangles, parts=mesh.parts)
+
+
+def _moves(points: Array, wavelengths_m: tuple[float, float], rng: np.random.Generator) -> Array:
+    """Return smooth random vectors at points (n, 3), each component with mean 0 and standard deviation 1."""
+    waves, _ = plane_waves(points, wavelengths_m, _WAVES, rng)
+    return np.asarray(waves @ rng.standard_normal((_WAVES, 3)) * np.sqrt(2.0 / _WAVES))

@@ -76,18 +76,29 @@ class DistanceGrid:
                 np.minimum(tube[box], self._sphere(box, centre, radius), out=tube[box])
         return tube
 
+    def smooth(self, width: float) -> None:
+        """Round creases and edges by a Gaussian whose standard deviation is `width` spacings."""
+        reach = _BAND * self.spacing_m
+        self.values = ndimage.gaussian_filter(np.clip(self.values, -reach, reach), width, mode="nearest")
+
+    def keep_one_body(self) -> None:
+        """Fill closed hollows and remove all but the largest body."""
+        inside = ndimage.binary_fill_holes(self.values < 0.0)
+        labels, count = ndimage.label(inside)
+        sizes = np.bincount(labels.ravel(), minlength=count + 1)
+        largest = labels == 1 + int(np.argmax(sizes[1:]))
+        self.values[inside & ~largest] = self.spacing_m
+        self.values[largest & (self.values >= 0.0)] = -self.spacing_m
+
     def surface(self, *, smoothing: float = 0.7) -> AnatomyMesh:
-        """Cut the closed surface, creases rounded by a Gaussian of `smoothing` spacings.
+        """Cut the closed surface after `smooth`.
 
         Raises:
             InvalidValueError: If scikit-image is not installed.
         """
-        reach = _BAND * self.spacing_m
-        values = np.clip(self.values, -reach, reach)
-        if smoothing > 0.0:
-            values = ndimage.gaussian_filter(values, smoothing, mode="nearest")
+        self.smooth(smoothing)
         # A border outside closes what the grid cuts off.
-        values = np.pad(values, 1, constant_values=self.spacing_m)
+        values = np.pad(self.values, 1, constant_values=self.spacing_m)
         # A surface right through a point of the grid would have triangles without area.
         values[np.abs(values) < 1e-3 * self.spacing_m] = 1e-3 * self.spacing_m
         points, triangles = _marching_cubes(values)
@@ -133,13 +144,24 @@ def _unite(values: Float32, other: Float32, blend_m: float) -> None:
     values -= near
 
 
-def _marching_cubes(values: Float32) -> tuple[Array, NDArray[np.int32]]:
-    """Return the surface where the values are 0, in grid spacings, anticlockwise from where they are positive."""
+def require_scikit_image() -> None:
+    """Check that surfaces can be cut.
+
+    Raises:
+        InvalidValueError: If scikit-image is not installed.
+    """
     try:
-        from skimage.measure import marching_cubes
+        import skimage.measure  # noqa: F401
     except ImportError as error:
         raise InvalidValueError(
             "anatomy", "procedural", f"none, as package {error.name!r} is missing; install it with: pip install 'laploop[mesh]'"
         ) from error
-    points, triangles, _, _ = marching_cubes(values, 0.0, gradient_direction="descent")
+
+
+def _marching_cubes(values: Float32) -> tuple[Array, NDArray[np.int32]]:
+    """Return the surface where the values are 0, in grid spacings, anticlockwise from where they are positive."""
+    require_scikit_image()
+    from skimage.measure import marching_cubes
+
+    points, triangles, _, _ = marching_cubes(values, 0.0, gradient_direction="descent")  # type: ignore[no-untyped-call]
     return points.astype(np.float64), triangles.astype(np.int32)

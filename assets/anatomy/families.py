@@ -43,12 +43,12 @@ class Family:
 FAMILIES: Mapping[str, Family] = MappingProxyType(
     {
         "bowel-loops": Family(builder="bowel:bowel_loops", weight=1.5, wall_fraction=0.9),
-        "lobes": Family(builder="lobes:smooth_lobes", weight=1.5, wall_fraction=0.8),
-        "sacs": Family(builder="sacs:sacs", wall_fraction=0.7),
-        "folds": Family(builder="folds:overhanging_folds", wall_fraction=0.7),
+        "lobes": Family(builder="lobes:smooth_lobes", weight=1.5, wall_fraction=0.85),
+        "sacs": Family(builder="sacs:sacs", wall_fraction=0.85),
+        "folds": Family(builder="folds:overhanging_folds", wall_fraction=0.85),
         "strands": Family(builder="strands:strands", wall_fraction=1.0),
-        "cavities": Family(builder="cavities:cavities", wall_fraction=0.5, wall_below=True),
-        "resections": Family(builder="resections:resections", wall_fraction=0.7),
+        "cavities": Family(builder="cavities:cavities", wall_fraction=0.8, wall_below=True),
+        "resections": Family(builder="resections:resections", wall_fraction=0.85),
         "wall": Family(builder="walls:wall", weight=1.5, wall_fraction=0.5),
         "colon": Family(builder="colon:colon", held_out=True, wall_fraction=0.9),
         "omentum": Family(builder="omentum:omentum", held_out=True, wall_fraction=0.9),

@@ -18,7 +18,9 @@ def mesentery(rng: np.random.Generator) -> AnatomyMesh:
     opening = rng.uniform(math.radians(80.0), math.radians(150.0))
     ruffles, height = int(rng.integers(4, 15)), rng.uniform(0.004, 0.012)
     rows = round((outer - inner) / _SPACING_M)
-    columns = round(0.75 * outer * opening * 1.3 / _SPACING_M)
+    # The border is longer than its arc, by the slope of the ruffles.
+    arc = outer * opening
+    columns = round(0.8 * arc * math.sqrt(1.0 + 0.5 * (2.0 * math.pi * ruffles * height / arc) ** 2) / _SPACING_M)
     r = np.linspace(0.0, 1.0, rows)[:, None]
     a = np.linspace(-0.5, 0.5, columns)[None, :]
     phase = 2.0 * math.pi * ruffles * a + 1.5 * relief((1, columns), columns / 4.0, rng) + rng.uniform(-1.5, 1.5) * r

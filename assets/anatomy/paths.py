@@ -3,7 +3,9 @@
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.interpolate import CubicSpline
 
 from laploop.arrays import Array
 
@@ -21,7 +23,6 @@ def wandering_path(length_m: float, half_width_m: float, bend_radius_m: float, r
     wanted = np.clip(noise / max(float(noise.std()), 1e-12), -1.2, 1.2) / 1.2
     point, heading = rng.uniform(-half_width_m, half_width_m, size=2), rng.uniform(-math.pi, math.pi)
     path = np.empty((count, 2))
-    turn = 0.0
     for index in range(count):
         path[index] = point
         turn = wanted[index]
@@ -76,15 +77,13 @@ class HeightMap:
             under = np.where(square < radius**2, z + np.sqrt(np.maximum(radius**2 - square, 0.0)), 0.0)
             self._height[rows, columns] = np.maximum(self._height[rows, columns], under)
 
-    def _cells(self, path: Array) -> Array:
+    def _cells(self, path: Array) -> NDArray[np.intp]:
         cells = np.rint((path + self._half) / self._PITCH_M).astype(int)
-        return np.clip(cells, 0, len(self._line) - 1)
+        return np.asarray(np.clip(cells, 0, len(self._line) - 1))
 
 
 def spline(knots: Array, step_m: float = STEP_M) -> Array:
     """Return points (k, 3) about `step_m` apart on the natural cubic spline through some knots (n, 3)."""
-    from scipy.interpolate import CubicSpline
-
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(knots, axis=0), axis=1))])
     count = max(2, math.ceil(along[-1] / step_m))
     return np.asarray(CubicSpline(along, knots, bc_type="natural")(np.linspace(0.0, along[-1], count)))

@@ -1,6 +1,7 @@
 """A stomach-like organ: a bent sac, wide above and narrow below, with the tubes that lead in and out."""
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from laploop.arrays import Array
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
@@ -20,6 +21,7 @@ def stomach(rng: np.random.Generator) -> AnatomyMesh:
 def stomach_axis(rng: np.random.Generator) -> tuple[Array, Array]:
     """Draw the axis (k, 3), around the origin, and the radii (k,)."""
     size = rng.uniform(0.85, 1.15)
+    # The axis of a stomach, at about half its size, so that the view holds it.
     knots = np.array(
         [
             [-0.012, 0.062, 0.000],
@@ -34,9 +36,7 @@ def stomach_axis(rng: np.random.Generator) -> tuple[Array, Array]:
     knots = size * (knots + rng.normal(0.0, 0.004, size=knots.shape))
     widths = size * np.array([0.006, 0.010, 0.024, 0.023, 0.019, 0.012, 0.008]) * rng.uniform(0.85, 1.2, size=7)
     path = spline(knots)
-    radii = spline(np.column_stack([np.linspace(0.0, 1.0, 7), widths, np.zeros(7)]), 1.0 / len(path))[:, 1]
-    along = np.linspace(0.0, 1.0, len(path))
-    radii = np.interp(along, np.linspace(0.0, 1.0, len(radii)), radii)
+    radii = PchipInterpolator(np.linspace(0.0, 1.0, 7), widths)(np.linspace(0.0, 1.0, len(path)))
     turn = rng.uniform(0.0, 2.0 * np.pi)
     rotation = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
-    return (path - path.mean(axis=0)) @ rotation.T, np.maximum(radii, 0.004)
+    return (path - path.mean(axis=0)) @ rotation.T, radii

@@ -19,7 +19,7 @@ def strands(rng: np.random.Generator) -> AnatomyMesh:
         along = np.array([np.cos(angle), np.sin(angle)])
         across = np.array([-along[1], along[0]]) * rng.uniform(-0.85, 0.85) * half
         ends = [np.append(across + side * 1.5 * half * along, rng.uniform(0.0, depth)) for side in (-1.0, 1.0)]
-        knots = np.linspace(*ends, 6)
+        knots = np.linspace(ends[0], ends[1], 6)
         knots[1:-1] += rng.normal(0.0, 1.0, size=(4, 3)) * np.array([0.004, 0.004, 0.002])
         # Slack sags away from the endoscope.
         knots[:, 2] -= rng.uniform(0.0, 0.006) * np.array([0.0, 0.6, 1.0, 1.0, 0.6, 0.0])

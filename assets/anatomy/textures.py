@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from laploop.arrays import Array
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
-from laploop.assets.anatomy.vessels import branching_vessels
+from laploop.assets.anatomy.vessels import branching_vessels, covered
 from laploop.assets.tissue_appearance import gaussian_field
 from laploop.errors import UnknownNameError
 
@@ -83,7 +83,8 @@ def _lattice(mesh: AnatomyMesh, rng: np.random.Generator) -> SurfaceTexture:
     grid = np.stack(np.meshgrid(*(np.arange(count) for count in counts), indexing="ij"), axis=-1).reshape(-1, 3)
     seeds = low + cell * (grid + rng.uniform(0.0, 1.0, size=grid.shape))
     nearest = cKDTree(seeds).query(mesh.points, k=2)[0]
-    inside = nearest[:, 1] - nearest[:, 0] < width
+    # Half the difference is the distance from the border where both seeds are level with it.
+    inside = covered(0.5 * (width - (nearest[:, 1] - nearest[:, 0])))
     return _dry(_mottle(mesh, rng, rng.uniform(0.0, 0.08)) * (1.0 - rng.uniform(0.3, 0.7) * inside))
 
 
@@ -93,10 +94,10 @@ def _lesions(mesh: AnatomyMesh, rng: np.random.Generator) -> SurfaceTexture:
     tree, wobble = cKDTree(mesh.points), gaussian_field(mesh.points, (0.003, 0.008), rng)
     for centre in mesh.points[rng.integers(len(mesh.points), size=rng.integers(10, 81))]:
         radius = rng.uniform(0.001, 0.007)
-        near = np.array(tree.query_ball_point(centre, 1.4 * radius), dtype=np.intp)
-        distance = np.linalg.norm(mesh.points[near] - centre, axis=1) * (1.0 + 0.12 * wobble[near])
+        near = np.array(tree.query_ball_point(centre, 2.0 * radius), dtype=np.intp)
+        distance = np.linalg.norm(mesh.points[near] - centre, axis=1) * (1.0 + 0.12 * np.clip(wobble[near], -3.0, 3.0))
         change = rng.uniform(0.15, 0.7) if rng.random() < 0.65 else rng.uniform(1.3, 1.8)
-        factor[near[distance < radius]] *= change
+        factor[near] *= 1.0 + (change - 1.0) * covered(radius - distance)
     return _dry(factor)
 
 

@@ -8,20 +8,29 @@ from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh, vertex_normals
 
 _STEP_M = 5e-4
 _NARROWEST_M = 4e-4
+_RIM_M = 5e-4
 _OFF_SURFACE_M = 2e-3
 """A vessel ends where the surface does."""
 _MOST_TIPS = 300
 
 
 def branching_vessels(mesh: AnatomyMesh, rng: np.random.Generator) -> Array:
-    """Return 1 at the vertices (n,) under a vessel and 0 elsewhere; vessels are up to 3 mm wide."""
+    """Return how far the vertices (n,) are under a vessel, 1, or beside, 0; vessels are up to 3 mm wide."""
     tree = cKDTree(mesh.points)
     middles, widths = _grow(mesh, tree, rng)
     distance, nearest = cKDTree(middles).query(mesh.points, distance_upper_bound=float(widths.max()))
     inside = np.zeros(len(mesh.points))
     near = np.flatnonzero(np.isfinite(distance))
-    inside[near] = distance[near] < 0.5 * widths[nearest[near]]
+    inside[near] = covered(0.5 * widths[nearest[near]] - distance[near])
     return inside
+
+
+def covered(depth_m: Array) -> Array:
+    """Return the coverage, 0 to 1, of vertices by their depth behind a rim, (n,).
+
+    A rim is as sharp as the mesh can show it: sharper ones would follow its triangles.
+    """
+    return np.asarray(np.clip(depth_m / _RIM_M + 0.5, 0.0, 1.0))
 
 
 def _grow(mesh: AnatomyMesh, tree: cKDTree, rng: np.random.Generator) -> tuple[Array, Array]:
@@ -34,7 +43,7 @@ def _grow(mesh: AnatomyMesh, tree: cKDTree, rng: np.random.Generator) -> tuple[A
     tips = mesh.points[rng.integers(len(mesh.points), size=roots)]
     directions = rng.standard_normal((roots, 3))
     widths = np.exp(rng.uniform(np.log(6e-4), np.log(3e-3), size=roots))
-    wander, branching = rng.uniform(0.05, 0.25), rng.uniform(0.01, 0.05)
+    wander, branching = rng.uniform(0.08, 0.30), rng.uniform(0.01, 0.05)
     middles, found = [tips], [widths]
     for _ in range(int(rng.integers(60, 200))):
         nearest = tree.query(tips)[1]

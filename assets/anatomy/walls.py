@@ -9,8 +9,12 @@ from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
 from laploop.assets.anatomy.paths import relief
 
 _SPACING_M = 9e-4
-_BACK_SPACING_M = 1.4e-3
-_BACK_HALF_M = 0.130
+_BACK_SAMPLES = 201
+_BACK_HALF_M = 0.220
+_BACK_GRADING = 2.2
+"""A millimetre between points of the back wall in its middle, five at its border."""
+_ROUND_M = 0.100
+"""Distance from the middle at which the curvature of the back wall fades."""
 
 
 def wall(rng: np.random.Generator) -> AnatomyMesh:
@@ -34,14 +38,17 @@ def wall(rng: np.random.Generator) -> AnatomyMesh:
 
 
 def back_wall(rng: np.random.Generator) -> AnatomyMesh:
-    """Return a wall, 260 mm wide and around z = 0, to stand behind an organ: flat, curved or uneven, and tilted."""
-    x, y, height = _plane(_BACK_HALF_M, _BACK_SPACING_M)
+    """Return a wall, 440 mm wide and around z = 0, to stand behind an organ: flat, curved or uneven, and tilted."""
+    graded = np.sinh(np.linspace(-_BACK_GRADING, _BACK_GRADING, _BACK_SAMPLES)) / math.sinh(_BACK_GRADING)
+    x, y = np.meshgrid(_BACK_HALF_M * graded, _BACK_HALF_M * graded, indexing="ij")
+    height = np.zeros_like(x)
     turn, tilt = rng.uniform(0.0, 2.0 * math.pi), math.tan(math.radians(rng.uniform(0.0, 18.0)))
     height = height + tilt * (x * math.cos(turn) + y * math.sin(turn))
     if rng.random() < 0.6:
-        height = height + rng.uniform(-2.0, 3.0) * (x**2 + y**2)
+        square = x**2 + y**2
+        height = height + rng.uniform(-3.0, 4.0) * square / (1.0 + square / _ROUND_M**2)
     if rng.random() < 0.6:
-        height = height + rng.uniform(0.0, 0.006) * relief(x.shape, rng.uniform(0.02, 0.1) / _BACK_SPACING_M, rng)
+        height = height + rng.uniform(0.0, 0.006) * relief(x.shape, rng.uniform(20.0, 100.0), rng)
     return _slab(x, y, height)
 
 

@@ -159,11 +159,12 @@ def _existing(path: Path | str) -> Path:
 
 
 def _read(path: Path) -> Any:
+    import trimesh
+
     try:
-        # The first two are needed later; if missing, better said before the long checks.
+        # Both are needed later; if missing, better said before the long checks.
         import fast_simplification  # noqa: F401
         import pytetwild  # noqa: F401
-        import trimesh
     except ImportError as error:
         raise InvalidValueError(
             "phantom", str(path), f"none, as package {error.name!r} is missing; install it with: pip install 'laploop[mesh]'"

@@ -15,7 +15,7 @@ from laploop.studies.synthesis.config import TrainingFramesConfig
 
 @dataclass(frozen=True, kw_only=True)
 class SynthesizeArguments:
-    """Render stripe frames of many tissues with exact depth, for training and evaluation.
+    """Render stripe frames of many tissues, or of anatomy of many families, with exact depth, for training and evaluation.
 
     Writes the data set `frames.zarr` and `summary.json`. When it was stopped, the same command goes on where it was. With
     `--verify` it checks a data set instead. Of a configuration file it takes the scope.
@@ -62,6 +62,7 @@ def main(arguments: Sequence[str]) -> int:
             "frames_rendered_now": len(store) - before,
             "frames_with_tool": with_tool,
             "tissues": tissues,
+            "families": store.tissues_by_family(),
         }
         folder.write_summary(results, config=chosen, seed=config.seed)
     table = ResultTable(f"data set, seed {config.seed}")

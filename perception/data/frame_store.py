@@ -128,6 +128,11 @@ class FrameStore(Store):
             return super().shown()
         return frozenset(self._attributes["families"]), frozenset(self._attributes["textures"])
 
+    def tissues_by_family(self) -> dict[str, int]:
+        """Return the number of tissues, or scenes, of each family."""
+        names = np.array([self.family(index) for index in range(len(self))])
+        return {str(name): len(np.unique(self.tissue_seed[names == name])) for name in np.unique(names)}
+
     def _named(self, plan: str, names: str, index: int) -> str | None:
         """Return the name that a plan gives to a frame; None in a set of the format before, which has no such plan."""
         self._check_index(index)

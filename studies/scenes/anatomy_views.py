@@ -36,11 +36,11 @@ def draw_view(ranges: AnatomyRanges, scene: AnatomyScene, camera: StripeCamera, 
     Of several tries the first with enough in range, else the best, is taken; frames from afar are taken as they come.
     """
     afar = rng.random() < ranges.far_fraction
-    best, most = None, -1.0
+    best = _try_view(ranges, scene, afar=afar, rng=rng)
+    if afar:
+        return best
+    pose, most = best, -1.0
     for _ in range(_TRIES):
-        pose = _try_view(ranges, scene, afar=afar, rng=rng)
-        if afar:
-            return pose
         depth_m = 1e-3 * camera.depth_view(camera.snapshot(None, pose.world_from_camera)).depth_mm
         low, high = _LOOP_RANGE_M
         in_range = float(np.mean((depth_m >= low) & (depth_m <= high)))
@@ -50,7 +50,8 @@ def draw_view(ranges: AnatomyRanges, scene: AnatomyScene, camera: StripeCamera, 
             best, most = pose, in_range
         if in_range >= _IN_RANGE:
             break
-    return best if best is not None else pose
+        pose = _try_view(ranges, scene, afar=False, rng=rng)
+    return best
 
 
 def _try_view(ranges: AnatomyRanges, scene: AnatomyScene, *, afar: bool, rng: np.random.Generator) -> CameraPose:

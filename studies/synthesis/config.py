@@ -53,7 +53,8 @@ class TrainingFramesConfig:
     """Fraction of the tissues with patches and detail drawn from `appearance_ranges`."""
     appearance_ranges: AppearanceRanges = field(default_factory=AppearanceRanges)
     large_tool_share: Fraction = 0.0
-    """Fraction of the frames with the instrument in which it covers a large part of the view."""
+    """Fraction of the frames of tissues with the instrument in which it covers a large part of the view. In anatomy scenes one
+    instrument in five is close to the lens."""
     ill_exposed_share: Fraction = 0.0
     """Fraction of the frames in which a tenth to half of the pixels are saturated, or dark."""
     varied_light: Fraction = 0.0
@@ -76,7 +77,9 @@ class TrainingFramesConfig:
         for name in self.families:
             if family_named(name).held_out != self.held_out:
                 allowed = ", ".join(family_names(held_out=self.held_out))
-                raise InvalidValueError("families", name, f"{allowed}; the others with{'out' * self.held_out} held_out")
+                raise InvalidValueError("families", name, f"with held_out {self.held_out}: {allowed}")
+        if self.families and self.worlds == 0.0 and not self.held_out:
+            raise InvalidValueError("families", self.families, "none with worlds 0")
         if self.held_out and self.train_tissues + self.val_tissues > 0:
             splits = (self.train_tissues, self.val_tissues)
             raise InvalidValueError("train_tissues and val_tissues", splits, "0 and 0 with held_out")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from laploop.assets.anatomy.distance_grid import require_scikit_image
 from laploop.assets.anatomy.families import TISSUE_FAMILY
 from laploop.assets.shafts import INSTRUMENT
 from laploop.assets.tissue_config import TissueConfig
@@ -35,6 +36,7 @@ def render_training_frames(config: TrainingFramesConfig, out: Path, *, report: C
 
     Raises:
         OutputError: If `out` cannot be written or holds a data set of another configuration.
+        InvalidValueError: If it is to show anatomy and scikit-image (extra `mesh`) is not installed.
         DatasetError: If `out` holds something else.
     """
     store = _open_or_create(config, out)
@@ -62,6 +64,8 @@ def _open_or_create(config: TrainingFramesConfig, out: Path) -> FrameStore:
     tissue = np.repeat(np.arange(config.tissues), config.frames_per_tissue)
     counts = (config.train_tissues, config.val_tissues, config.test_tissues)
     worlds = [config.world_of(number) for number in range(config.tissues)]
+    if any(world.family != TISSUE_FAMILY for world in worlds):
+        require_scikit_image()
     families, family = np.unique([world.family for world in worlds], return_inverse=True)
     textures, texture = np.unique([world.texture for world in worlds], return_inverse=True)
     split_of_tissue = np.repeat(np.arange(len(SPLITS), dtype=np.uint8), counts)

@@ -1,5 +1,6 @@
 """A picture of the families of anatomy: stripes and depth of some scenes of each."""
 
+import sys
 from itertools import cycle
 from pathlib import Path
 
@@ -32,7 +33,7 @@ def draw_worlds(path: Path, *, scenes: int = 2, seed: int = 0) -> None:
     rows = -(-len(FAMILIES) // 2)
     figure = Figure(figsize=(1.5 * columns, 1.62 * rows))
     axes = figure.subplots(rows, columns, squeeze=False)
-    ranges, textures = AnatomyRanges(), cycle(TEXTURES)
+    ranges, textures = AnatomyRanges(far_fraction=0.0), cycle(TEXTURES)
     camera = StripeCamera(Rig.from_optics(ScopeOptics()))
     for place in axes.flat:
         place.axis("off")
@@ -50,7 +51,8 @@ def draw_worlds(path: Path, *, scenes: int = 2, seed: int = 0) -> None:
             camera.set_optics(optics)
             expected = camera.capture(None, pose.world_from_camera, None)
             camera.set_optics(auto_exposed(expected, optics, _LEVEL))
-            frame = camera.capture(None, pose.world_from_camera, rng)
+            # Without noise, which a picture of this size does not show.
+            frame = camera.capture(None, pose.world_from_camera, None)
             first = (number % 2) * 2 * scenes + 2 * scene
             left, right = axes[number // 2, first : first + 2]
             left.imshow(frame.image, cmap="gray", vmin=0, vmax=255)
@@ -59,4 +61,8 @@ def draw_worlds(path: Path, *, scenes: int = 2, seed: int = 0) -> None:
     camera.close()
     figure.subplots_adjust(left=0.004, right=0.996, top=0.985, bottom=0.004, wspace=0.03, hspace=0.10)
     with whole_file(path) as partial:
-        figure.savefig(partial, format="png", dpi=110)
+        figure.savefig(partial, format="png", dpi=76)
+
+
+if __name__ == "__main__":
+    draw_worlds(Path(sys.argv[1]))

@@ -1,3 +1,4 @@
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -6,7 +7,10 @@ import pytest
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
 from laploop.errors import DatasetError, InvalidValueError, MissingFileError, OutputError
+from laploop.perception.data.datasets import open_dataset
 from laploop.perception.data.frame_store import FrameStore
+from laploop.perception.data.integrity import sha256_of_json
+from laploop.perception.data.joined_dataset import join
 from laploop.perception.geometry import Rig
 
 OPTICS = ScopeOptics(width=32, height=16, mask=StripeMask(stripes=7, phase=0.25))
@@ -126,3 +130,62 @@ def _with_scopes(tmp_path, scopes, scope):
         tool_in_view=np.zeros(3, bool),
         config={},
     )
+
+
+def test_family_and_texture_of_each_frame_come_back(tmp_path):
+    store = FrameStore.create(tmp_path / "worlds", **_plan(family=[0, 0, 1], texture=[1, 1, 0]))
+    opened = FrameStore.open(store.path)
+    assert [opened.family(index) for index in range(3)] == ["lobes", "lobes", "colon"]
+    assert [opened.texture(index) for index in range(3)] == ["vessels", "vessels", "plain"]
+    assert opened.tissues_by_family() == {"colon": 1, "lobes": 1}
+    assert opened.shown() == ({"lobes", "colon"}, {"plain", "vessels"})
+    with pytest.raises(InvalidValueError, match="index of a frame is 3"):
+        opened.family(3)
+
+
+@pytest.mark.parametrize(("name", "index"), [("family", [0, 0, 2]), ("texture", [0, -1, 0]), ("family", [0])])
+def test_family_or_texture_without_a_name_is_refused(tmp_path, name, index):
+    with pytest.raises(InvalidValueError, match=f"{name} is .* each from 0 to 1"):
+        FrameStore.create(tmp_path / "worlds", **_plan(**{name: index}))
+
+
+def test_set_with_a_held_out_family_is_not_learned_from(store, tmp_path):
+    store.check_learnable()
+    held_out = FrameStore.create(tmp_path / "worlds", **_plan(family=[0, 0, 1]))
+    for dataset in (held_out, join([store, held_out])):
+        with pytest.raises(InvalidValueError, match=r"held-out families and textures of .* is 'colon'"):
+            dataset.check_learnable()
+    assert join([store, held_out]).family(5) == "colon"
+    assert join([store, held_out]).texture(0) == "own"
+
+
+def test_set_of_the_format_before_shows_tissue_in_its_own_texture(store):
+    store.write(1, **_frame(7))
+    path = store.path / "zarr.json"
+    content = json.loads(path.read_text())
+    attributes = content["attributes"]
+    for name in ("families", "textures", "sha256"):
+        del attributes[name]
+    for name in ("family", "texture"):
+        del attributes["plan"][name]
+    attributes["format"] = "laploop-frames-3"
+    attributes["sha256"] = sha256_of_json(attributes)
+    path.write_text(json.dumps(content))
+    for opened in (FrameStore.open(store.path), open_dataset(store.path)):
+        assert (opened.family(1), opened.texture(1)) == ("tissue", "own")
+        assert opened.shown() == ({"tissue"}, {"own"})
+        np.testing.assert_array_equal(opened.image(1), _frame(7)["image"])
+
+
+def _plan(*, family=(0, 0, 0), texture=(0, 0, 0)):
+    return {
+        "optics": OPTICS,
+        "tissue_seed": np.array([4, 4, 9]),
+        "split": np.array([0, 0, 2], np.uint8),
+        "tool_in_view": np.zeros(3, bool),
+        "config": {},
+        "families": ["lobes", "colon"],
+        "family": np.array(family, np.int32),
+        "textures": ["plain", "vessels"],
+        "texture": np.array(texture, np.int32),
+    }
