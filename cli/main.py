@@ -51,6 +51,7 @@ COMMANDS = {
     "characterize": "measure the stripes' contrast against distance",
     "calibrate": "calibrate cameras, projector and arm; true residuals",
     "evaluate": "measure estimators on tissues never seen in training",
+    "predict": "depth of your own camera's pictures",
 }
 """What each subcommand, `laploop.cli.commands.NAME`, does in one line."""
 
