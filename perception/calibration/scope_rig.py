@@ -1,5 +1,6 @@
 """The rig of a calibrated scope, which estimators are made for, and the calibration of a scope as designed."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,25 @@ def rig_of(record: CalibrationRecord, path: Path) -> CalibratedRig:
         return calibrated_rig(record.scope, record.projector, nominal)
     except InvalidValueError as error:
         raise InvalidValueError("calibration", str(path), f"one of a projector to the camera's right ({error})") from error
+
+
+def optics_of(record: CalibrationRecord, path: Path) -> ScopeOptics:
+    """Return the scope's optics nearest to a calibration, for what asks for a design; raises as `rig_of` does.
+
+    A design has square pixels and a centred camera: the rig itself is that of `rig_of`.
+    """
+    rig = rig_of(record, path).rig
+    camera = rig.camera
+    try:
+        return ScopeOptics(
+            width=camera.width,
+            height=camera.height,
+            fov_rad=2.0 * math.atan(0.5 * camera.width / camera.fx),
+            baseline_m=rig.baseline_m,
+            mask=rig.mask,
+        )
+    except InvalidValueError as error:
+        raise InvalidValueError("calibration", str(path), f"one of a scope's camera ({error})") from error
 
 
 def save_design(path: Path, optics: ScopeOptics) -> None:

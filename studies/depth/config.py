@@ -25,7 +25,7 @@ class DepthEvaluation:
     farthest_mm: Millimetres = 140.0
     """Pixels whose exact depth lies outside are left out of `exact`."""
     bins_mm: tuple[Millimetres, ...] = (60.0, 80.0, 100.0, 120.0, 140.0)
-    """Edges of the bins of working distance, which is the median of a frame's exact depth."""
+    """Edges of the bins of working distance: the median of a frame's exact depth, or of the reference's where none is exact."""
     weights: dict[str, Path] = field(default_factory=dict)
     """Replaces the shipped weights: pairs of a model's name and its file, or folder for dpt and depth-anything."""
     residual_mm: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0

@@ -14,8 +14,8 @@ from rich.progress import track
 
 from laploop.errors import InvalidValueError
 from laploop.perception.cramer_rao import CramerRaoBound
-from laploop.perception.data.datasets import DepthDataset, open_dataset
-from laploop.perception.data.pair_store import PairStore
+from laploop.perception.data.calibrated_pair_store import CalibratedPairStore
+from laploop.perception.data.datasets import DepthDataset, ReferencedDataset, open_dataset
 from laploop.perception.estimators.base import DepthEstimator, checked_estimate
 from laploop.perception.estimators.monocular import MonocularEstimator, fitted
 from laploop.perception.estimators.oracle import OracleEstimator
@@ -63,8 +63,12 @@ def evaluate_depth(
     if strangers:
         raise InvalidValueError("weights for", sorted(strangers), f"models that are evaluated: {', '.join(models)}")
     data = open_dataset(dataset)
-    if chosen.against != "exact" and not isinstance(data, PairStore):
+    if chosen.against != "exact" and not isinstance(data, CalibratedPairStore):
         raise InvalidValueError("against", chosen.against, f"exact: the data set {dataset} has no reference camera")
+    if chosen.against != "zivid" and not data.has_exact:
+        raise InvalidValueError("against", chosen.against, f"zivid: the data set {dataset} has no exact depth")
+    if "oracle" in models and not data.has_exact:
+        raise InvalidValueError("models", "oracle", f"others: the data set {dataset} has no exact depth for it")
     indices = data.indices(chosen.split)
     data.verify(indices)
     estimators = EstimatorCache(models, chosen.weights)
@@ -120,18 +124,20 @@ class _Evaluation:
         self._floors: dict[Rig, CramerRaoBound] = {}
         self.times_ms: dict[str, list[float]] = {}
         self.examples: list[DepthExample] = []
-        if isinstance(data, PairStore):
+        if isinstance(data, CalibratedPairStore):
             self._scope_from_reference = config.residual.apply(data.calibration.scope_from_reference)
 
     def count(self, index: int, estimators: Mapping[str, DepthEstimator], *, keep: bool) -> None:
         """Measure all models on one frame, and perhaps keep it for the figures."""
         data = self._data
-        image, exact = data.image(index), data.depth_mm(index)
-        distance = float(np.nanmedian(exact)) if np.isfinite(exact).any() else math.nan
+        image = data.image(index)
+        exact = data.depth_mm(index) if data.has_exact else None
+        known = data.reference_depth_mm(index) if exact is None and isinstance(data, ReferencedDataset) else exact
+        distance = math.nan if known is None or np.isnan(known).all() else float(np.nanmedian(known))
         places = self._places(distance)
         self._frames[places] += 1
         truths = list(self._truths(index, exact))
-        sigma_mm = self._floor_mm(index, image, exact) if self._config.floor_rows else None
+        sigma_mm = None if exact is None or not self._config.floor_rows else self._floor_mm(index, image, exact)
         predictions = {name: self._predict(name, estimator, image, exact, truths) for name, estimator in estimators.items()}
         for number, truth in enumerate(truths):
             estimates = {row: versions[number] for found in predictions.values() for row, versions in found.items()}
@@ -184,18 +190,18 @@ class _Evaluation:
         place = int(np.searchsorted(self._config.bins_mm, working_distance_mm, side="right"))
         return [0, place] if 1 <= place < len(self._bins) else [0]
 
-    def _truths(self, index: int, exact: NDArray[np.float32]) -> Iterator[_Truth]:
+    def _truths(self, index: int, exact: NDArray[np.float32] | None) -> Iterator[_Truth]:
         wanted = _SETS[self._config.against]
-        if "zivid" in wanted and isinstance(self._data, PairStore):
+        if "zivid" in wanted and isinstance(self._data, CalibratedPairStore):
             if self._config.residual.nothing:
                 reference = self._data.reference_depth_mm(index)
             else:
                 reference = self._data.reproject_with(index, self._scope_from_reference).depth_mm
             seen = np.isfinite(reference)
             yield _Truth(against="zivid", depth_mm=reference, mask=seen)
-            if "exact-at-zivid" in wanted:
+            if "exact-at-zivid" in wanted and exact is not None:
                 yield _Truth(against="exact-at-zivid", depth_mm=exact, mask=seen & np.isfinite(exact))
-        if "exact" in wanted:
+        if "exact" in wanted and exact is not None:
             in_range = (exact >= self._config.nearest_mm) & (exact <= self._config.farthest_mm)
             yield _Truth(against="exact", depth_mm=exact, mask=in_range)
 
@@ -204,11 +210,11 @@ class _Evaluation:
         name: str,
         estimator: DepthEstimator,
         image: NDArray[np.uint8],
-        exact: NDArray[np.float32],
+        exact: NDArray[np.float32] | None,
         truths: Sequence[_Truth],
     ) -> dict[str, list[DepthEstimate]]:
         """Return a model's rows: for each its estimate by truth."""
-        if isinstance(estimator, OracleEstimator):
+        if isinstance(estimator, OracleEstimator) and exact is not None:
             estimator.see_truth(exact)
         began = time.perf_counter()
         if isinstance(estimator, MonocularEstimator):
@@ -223,7 +229,7 @@ class _Evaluation:
         else:
             versions = {name: [estimator.estimate(image)] * len(truths)}
         self.times_ms.setdefault(name, []).append(1e3 * (time.perf_counter() - began))
-        return {row: [checked_estimate(one, exact.shape) for one in estimates] for row, estimates in versions.items()}
+        return {row: [checked_estimate(one, image.shape) for one in estimates] for row, estimates in versions.items()}
 
     def _add(self, model: str, truth: _Truth, estimate: DepthEstimate, index: int, places: Sequence[int]) -> None:
         every, valid = DepthErrors(), DepthErrors()
