@@ -65,6 +65,15 @@ class DepthDataset(ABC):
             InvalidValueError: If there is no such frame.
         """
 
+    def family(self, index: int) -> str:
+        """Return the family of shapes that a frame shows.
+
+        Raises:
+            InvalidValueError: If there is no such frame.
+        """
+        self._check_index(index)
+        return "tissue"
+
     def indices(self, split: str) -> NDArray[np.intp]:
         """Return the frames of a split that are done.
 

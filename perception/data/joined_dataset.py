@@ -58,6 +58,11 @@ class JoinedDataset(DepthDataset):
         part, within = self._find(index)
         return part.rig(within)
 
+    def family(self, index: int) -> str:
+        """Return the family of shapes that a frame shows."""
+        part, within = self._find(index)
+        return part.family(within)
+
     def _find(self, index: int) -> tuple[DepthDataset, int]:
         self._check_index(index)
         part = int(np.searchsorted(self._starts, index, side="right")) - 1

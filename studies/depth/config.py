@@ -66,6 +66,8 @@ class RobustnessConfig:
     tissues: Annotated[int, Field(ge=1, le=1000)] = 6
     frames_per_tissue: Annotated[int, Field(ge=1, le=1000)] = 4
     seed: Annotated[int, Field(ge=0, le=2**31)] = 0
+    noise_seeds: Annotated[int, Field(ge=2, le=1000)] = 10
+    """Images of each still scene, one a tissue, that differ in their noise alone: how much depth jitters."""
 
     @property
     def frames(self) -> int:
