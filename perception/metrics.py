@@ -243,9 +243,10 @@ def _means(sums: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _metrics(pixels: int, means: NDArray[np.float64]) -> DepthMetrics:
-    # One NaN for all, so that the metrics of two runs compare equal.
-    values = {name: math.nan if math.isnan(value) else value for name, value in zip(_NAMES, means.tolist(), strict=True)}
+    values = dict(zip(_NAMES, means.tolist(), strict=True))
     values["rmse_mm"] = math.sqrt(values["rmse_mm"])
+    # One NaN for all, so that the metrics of two runs compare equal.
+    values = {name: math.nan if math.isnan(value) else value for name, value in values.items()}
     return DepthMetrics(pixels=pixels, **values)
 
 

@@ -76,8 +76,8 @@ def markdown_table(table: DepthTable) -> str:
     sections += [f"`{model}`: {note}.\n" for model, note in notes.items()]
     sections.append(
         "In brackets the 95 % interval of a bootstrap over tissues. Columns named `marked valid` count only the pixels that "
-        "the model marks valid. Lit pixels are those that the projector reaches. A slip is a pixel marked valid that is more than "
-        "10 % off, or lies outside of the range of depth. Edges are the pixels near a step of more than 3 mm.\n"
+        "the model marks valid. Lit pixels are those that the projector reaches. A slip is a pixel marked valid that is more "
+        "than 10 % off, or lies outside of the range of depth. Edges are the pixels near a step of more than 3 mm.\n"
     )
     return "\n".join(sections)
 

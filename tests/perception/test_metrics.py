@@ -157,7 +157,8 @@ def test_expected_shares_are_those_of_normal_draws():
 def test_a_measure_that_few_groups_have_is_bootstrapped_over_the_draws_that_hold_it():
     sums = group_sums([1.0, 3.0, 5.0])
     errors = DepthErrors(sums=sums[0].copy())
-    errors.add_slips(np.full((1, 10), 130.0, np.float32), np.full((1, 10), 100.0, np.float32), np.ones((1, 10), bool), (60, 140))
+    truth, everywhere = np.full((1, 10), 100.0, np.float32), np.ones((1, 10), bool)
+    errors.add_slips(truth + np.float32(30.0), truth, everywhere, (60.0, 140.0))
     interval = bootstrap_interval(np.array([errors.sums, *sums[1:]]), np.random.default_rng(0))
     assert (interval.low.slips_per_1000, interval.high.slips_per_1000) == (1000.0, 1000.0)
     assert interval.low.mae_mm < interval.high.mae_mm
