@@ -91,7 +91,9 @@ def test_evaluation_finds_the_numbers_of_the_original(collected, own, tmp_path):
     )
     assert after["frames"] == before["frames"] == 4
     assert after["pixels"] == before["pixels"] > 20_000
-    numbers = {name: value for name, value in before.items() if isinstance(value, float)}
+    # Nobody knows what the projector reaches in a real scene.
+    assert after["lit_share"] == 0.0
+    numbers = {name: value for name, value in before.items() if isinstance(value, float) and not name.startswith("lit_")}
     assert len(numbers) > 20
     assert {name: after[name] for name in numbers} == pytest.approx(numbers, rel=1e-5, abs=1e-7)
 
