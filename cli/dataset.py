@@ -11,6 +11,8 @@ FRAMES = "frames.zarr"
 """Name of the data set inside the folder that `laploop synthesize` writes."""
 PAIRS = "pairs.zarr"
 """The same of `laploop collect`."""
+SCOPE = "scope.json"
+"""The scope of either, as designed, in the form of a calibration file."""
 
 _SHOWN_PROBLEMS = 50
 

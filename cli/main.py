@@ -52,8 +52,10 @@ COMMANDS = {
     "characterize": "measure the stripes' contrast against distance",
     "calibrate": "calibrate cameras, projector and arm; true residuals",
     "evaluate": "measure estimators on tissues never seen in training",
+    "predict": "depth of your own camera's pictures",
+    "import-pairs": "make a data set of your own pictures and clouds",
 }
-"""What each subcommand, `laploop.cli.commands.NAME`, does in one line."""
+"""What each subcommand, `laploop.cli.commands.NAME` with underscores, does in one line."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -101,7 +103,7 @@ def _run(arguments: list[str]) -> int:
     with stop_signals(f"laploop {name}") as received, _notes_in_one_line(name):
         try:
             _require_working_folder()
-            status: int = import_module(f"laploop.cli.commands.{name}").main(rest)
+            status: int = import_module(f"laploop.cli.commands.{name.replace('-', '_')}").main(rest)
         except BaseException as error:
             if isinstance(error, SystemExit) and not received:
                 return error.code if isinstance(error.code, int) else EXIT_FAILED if error.code else EXIT_OK

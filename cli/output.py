@@ -106,6 +106,11 @@ class OutputFolder:
         with self.artefact(name) as path:
             path.write_text(text, encoding="utf-8")
 
+    def write_bytes(self, name: str, content: bytes) -> None:
+        """Write a binary artefact."""
+        with self.artefact(name) as path:
+            path.write_bytes(content)
+
     def write_json(self, name: str, values: Any) -> None:
         """Write an artefact as JSON; numbers that are not finite become null."""
         self.write_text(name, json.dumps(plain(values), indent=2, allow_nan=False) + "\n")

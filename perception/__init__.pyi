@@ -12,6 +12,9 @@ from .cramer_rao import CramerRaoBound as CramerRaoBound
 from .data.datasets import DepthDataset as DepthDataset
 from .data.datasets import open_dataset as open_dataset
 from .data.frame_store import FrameStore as FrameStore
+from .data.imported_pair_store import ImportedPairStore as ImportedPairStore
+from .data.pair_import import PairImport as PairImport
+from .data.pair_import import PairImporter as PairImporter
 from .data.pair_store import PairFrame as PairFrame
 from .data.pair_store import PairStore as PairStore
 from .estimators.base import DepthEstimator as DepthEstimator
@@ -31,7 +34,10 @@ from .metrics import DepthMetrics as DepthMetrics
 from .metrics import depth_metrics as depth_metrics
 from .network_specs import NETWORKS as NETWORKS
 from .network_specs import NetworkSpec as NetworkSpec
+from .pictures.predictor import PicturePrediction as PicturePrediction
+from .pictures.predictor import PicturePredictor as PicturePredictor
 from .reprojection import reproject as reproject
+from .stripe_check import StripeCheck as StripeCheck
 from .weights import load_weights as load_weights
 from .weights import save_weights as save_weights
 
@@ -47,13 +53,19 @@ __all__ = [
     "DepthMetrics",
     "FrameStore",
     "HandEyeCalibration",
+    "ImportedPairStore",
     "Intrinsics",
     "NetworkSpec",
     "PairFrame",
+    "PairImport",
+    "PairImporter",
     "PairStore",
+    "PicturePrediction",
+    "PicturePredictor",
     "ProjectorCalibration",
     "Rig",
     "StereoCalibration",
+    "StripeCheck",
     "StripeFrame",
     "calibrate_camera",
     "calibrate_hand_eye",

@@ -1,18 +1,25 @@
 """Errors of a depth map, in the literature's terms."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from laploop.errors import InvalidValueError
+from laploop.perception.surface_measures import SurfaceErrors, with_neighbours
+
+_RATIOS = {"acc_1_1": 1.1, "acc_1_21": 1.21, "acc_1_331": 1.331, "acc_1_25": 1.25, "acc_1_5625": 1.5625, "acc_1_953": 1.953125}
+_DISTANCES_MM = {"beyond_20mm": 20.0, "beyond_1mm": 1.0, "beyond_2mm": 2.0, "beyond_3mm": 3.0}
+_SLIP_FRACTION = 0.1
+"""Of its depth by which a pixel that slipped is off: a fifth of a turn of phase or more."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DepthMetrics:
-    """Errors over a set of pixels; all NaN when the set is empty."""
+    """Errors over a set of pixels; NaN where the set has none, or what a measure needs was not given."""
 
     pixels: int
     mae_mm: float
@@ -25,16 +32,64 @@ class DepthMetrics:
     acc_1_1: float
     """Fraction of pixels with max(estimate / truth, truth / estimate) below 1.1."""
     acc_1_21: float
-    """The same below 1.21."""
+    """The same below 1.1 squared."""
     beyond_20mm: float
     """Fraction of pixels more than 20 mm off."""
+    sq_rel_mm: float
+    """Mean of squared error over truth."""
+    acc_1_331: float
+    """Fraction within a ratio of 1.1 cubed."""
+    acc_1_25: float
+    """Fraction within a ratio of 1.25."""
+    acc_1_5625: float
+    """Fraction within 1.25 squared."""
+    acc_1_953: float
+    """Fraction within 1.25 cubed."""
+    beyond_1mm: float
+    beyond_2mm: float
+    beyond_3mm: float
+    slips_per_1000: float
+    """Of a thousand pixels that were marked valid, at any depth: those more than 10 % off, or outside of the range of depth."""
+    plane_mm: float
+    """Mean distance of the estimated points from the planes that touch the true surface."""
+    normal_deg: float
+    """Mean angle between the normals of estimate and truth, from local differences, away from steps of the truth."""
+    edge_mae_mm: float
+    """Mean absolute error of the pixels at steps of the true depth (`surface_measures`)."""
+    away_mae_mm: float
+    """The same of all others."""
+
+
+_NAMES = tuple(metric.name for metric in fields(DepthMetrics) if metric.name != "pixels")
+
+_COLUMNS = (
+    *("pixels", "mae_mm", "rmse_mm", "bias_mm", "abs_rel", "acc_1_1", "acc_1_21", "beyond_20mm"),
+    *("sq_rel_mm", "acc_1_331", "acc_1_25", "acc_1_5625", "acc_1_953", "beyond_1mm", "beyond_2mm", "beyond_3mm"),
+    *("slips_per_1000", "plane_mm", "normal_deg", "edge_mae_mm", "away_mae_mm"),
+    *("claimed", "smooth", "edge", "away"),
+)
+"""What is summed: the numerator of each measure by its name, then the pixels that the last measures are means over."""
+
+SUMS = len(_COLUMNS)
+"""Length of a vector of sums."""
+
+_PLACE = {name: place for place, name in enumerate(_COLUMNS)}
+_OVER = {
+    "slips_per_1000": "claimed",
+    "plane_mm": "smooth",
+    "normal_deg": "smooth",
+    "edge_mae_mm": "edge",
+    "away_mae_mm": "away",
+}
+_NUMERATORS = [_PLACE[name] for name in _NAMES]
+_DENOMINATORS = [_PLACE[_OVER.get(name, "pixels")] for name in _NAMES]
 
 
 @dataclass(kw_only=True)
 class DepthErrors:
     """Adds up errors over many frames, in double precision, without keeping the pixels."""
 
-    sums: NDArray[np.float64] = field(default_factory=lambda: np.zeros(8))
+    sums: NDArray[np.float64] = field(default_factory=lambda: np.zeros(SUMS))
 
     def add(self, estimate_mm: NDArray[np.float32], truth_mm: NDArray[np.float32], mask: NDArray[np.bool_]) -> None:
         """Count the pixels of one frame where `mask` holds.
@@ -52,18 +107,48 @@ class DepthErrors:
         if not np.all(np.isfinite(estimate)):
             raise InvalidValueError("estimate under the mask", "not finite", "finite depths")
         error = estimate - truth
-        size = np.abs(error)
+        size, square = np.abs(error), error**2
         ratio = np.maximum(estimate / truth, truth / np.maximum(estimate, 1e-9))
-        self.sums += [
-            error.size,
-            size.sum(),
-            (error**2).sum(),
-            error.sum(),
-            (size / truth).sum(),
-            (ratio < 1.1).sum(),
-            (ratio < 1.21).sum(),
-            (size > 20.0).sum(),
-        ]
+        self._count(
+            pixels=error.size,
+            mae_mm=size.sum(),
+            rmse_mm=square.sum(),
+            bias_mm=error.sum(),
+            abs_rel=(size / truth).sum(),
+            sq_rel_mm=(square / truth).sum(),
+            **{name: np.count_nonzero(ratio < limit) for name, limit in _RATIOS.items()},
+            **{name: np.count_nonzero(size > limit) for name, limit in _DISTANCES_MM.items()},
+        )
+
+    def add_surface(self, errors: SurfaceErrors, error_mm: NDArray[np.floating], mask: NDArray[np.bool_]) -> None:
+        """Count the surface of one frame, with the errors of depth (H, W), where `mask` holds.
+
+        Normals and planes count where it holds for the four neighbours too, whose depths they are made of.
+        """
+        smooth, edge, away = errors.smooth & with_neighbours(mask), errors.edge & mask, mask & ~errors.edge
+        size = np.abs(error_mm, dtype=np.float64)
+        self._count(
+            plane_mm=errors.plane_mm[smooth].sum(),
+            normal_deg=errors.normal_deg[smooth].sum(),
+            edge_mae_mm=size[edge].sum(),
+            away_mae_mm=size[away].sum(),
+            smooth=np.count_nonzero(smooth),
+            edge=np.count_nonzero(edge),
+            away=np.count_nonzero(away),
+        )
+
+    def add_slips(
+        self,
+        estimate_mm: NDArray[np.float32],
+        truth_mm: NDArray[np.float32],
+        valid: NDArray[np.bool_],
+        range_mm: tuple[float, float],
+    ) -> None:
+        """Count the slips of one frame among the pixels marked `valid` that have a truth, inside and outside of the range."""
+        claimed = valid & np.isfinite(truth_mm)
+        truth, estimate = truth_mm[claimed].astype(np.float64), estimate_mm[claimed].astype(np.float64)
+        slipped = (np.abs(estimate - truth) > _SLIP_FRACTION * truth) | (truth < range_mm[0]) | (truth > range_mm[1])
+        self._count(slips_per_1000=1e3 * np.count_nonzero(slipped), claimed=truth.size)
 
     def add_expected(self, sigma_mm: NDArray[np.floating], truth_mm: NDArray[np.float32], mask: NDArray[np.bool_]) -> None:
         """Count what an unbiased estimate with normal errors of `sigma_mm` (H, W) would score on average where `mask` holds.
@@ -80,20 +165,26 @@ class DepthErrors:
                 raise InvalidValueError(f"{name} under the mask", "not finite or not above 0", "finite values above 0")
         size = math.sqrt(2.0 / math.pi) * sigma
         relative = truth / sigma
-        self.sums += [
-            sigma.size,
-            size.sum(),
-            (sigma**2).sum(),
-            0.0,
-            (size / truth).sum(),
-            (ndtr(0.1 * relative) - ndtr((1.0 / 1.1 - 1.0) * relative)).sum(),
-            (ndtr(0.21 * relative) - ndtr((1.0 / 1.21 - 1.0) * relative)).sum(),
-            (2.0 * ndtr(-20.0 / sigma)).sum(),
-        ]
+        self._count(
+            pixels=sigma.size,
+            mae_mm=size.sum(),
+            rmse_mm=(sigma**2).sum(),
+            abs_rel=(size / truth).sum(),
+            sq_rel_mm=(sigma / relative).sum(),
+            **{
+                name: (ndtr((limit - 1.0) * relative) - ndtr((1.0 / limit - 1.0) * relative)).sum()
+                for name, limit in _RATIOS.items()
+            },
+            **{name: (2.0 * ndtr(-limit / sigma)).sum() for name, limit in _DISTANCES_MM.items()},
+        )
+
+    def _count(self, **sums: Any) -> None:
+        for name, value in sums.items():
+            self.sums[_PLACE[name]] += value
 
     def metrics(self) -> DepthMetrics:
         """Return the metrics over everything counted so far."""
-        return _metrics(self.sums)
+        return _metrics(int(self.sums[0]), _means(self.sums))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +204,7 @@ def bootstrap_interval(
     ends is that of the data.
 
     Args:
-        sums: (groups, 8), the `DepthErrors.sums` of each group; groups without pixels are left out.
+        sums: (groups, SUMS), the `DepthErrors.sums` of each group; groups without pixels are left out.
         rng: Source of the draws: the same state gives the same interval.
         resamples: How many draws.
         confidence: Fraction of the draws between the two ends.
@@ -126,30 +217,37 @@ def bootstrap_interval(
     if not 0.0 < confidence < 1.0:
         raise InvalidValueError("confidence", confidence, "above 0 and below 1")
     counted = sums[sums[:, 0] > 0]
-    pixels = counted[:, 0].sum() if len(counted) else 0.0
+    pixels = int(counted[:, 0].sum()) if len(counted) else 0
     if len(counted) < 2:
-        nothing = _metrics(np.r_[pixels, np.full(7, np.nan)])
+        nothing = _metrics(pixels, np.full(len(_NAMES), np.nan))
         return MetricsInterval(low=nothing, high=nothing)
     draws = rng.multinomial(len(counted), np.full(len(counted), 1.0 / len(counted)), size=resamples) @ counted
     tail = 50.0 * (1.0 - confidence)
-    ends = np.percentile(draws[:, 1:] / draws[:, :1], (tail, 100.0 - tail), axis=0)
-    low, high = (_metrics(np.r_[pixels, pixels * end]) for end in ends)
+    means = _means(draws)
+    ends = np.full((2, len(_NAMES)), np.nan)
+    # A draw may hold no pixel of a kind that few groups have; it says nothing about them.
+    known = np.isfinite(means)
+    whole = known.all(axis=0)
+    ends[:, whole] = np.percentile(means[:, whole], (tail, 100.0 - tail), axis=0)
+    for place in np.flatnonzero(known.any(axis=0) & ~whole):
+        ends[:, place] = np.percentile(means[known[:, place], place], (tail, 100.0 - tail))
+    low, high = (_metrics(pixels, end) for end in ends)
     return MetricsInterval(low=low, high=high)
 
 
-def _metrics(sums: NDArray[np.float64]) -> DepthMetrics:
-    pixels = int(sums[0])
-    mean = sums / pixels if pixels else np.full(8, np.nan)
-    return DepthMetrics(
-        pixels=pixels,
-        mae_mm=float(mean[1]),
-        rmse_mm=float(np.sqrt(mean[2])),
-        bias_mm=float(mean[3]),
-        abs_rel=float(mean[4]),
-        acc_1_1=float(mean[5]),
-        acc_1_21=float(mean[6]),
-        beyond_20mm=float(mean[7]),
-    )
+def _means(sums: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean of every measure, (..., measures), of sums (..., SUMS); that of the squared errors as it is."""
+    counts = sums[..., _DENOMINATORS]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(counts > 0.0, sums[..., _NUMERATORS] / counts, np.nan)
+
+
+def _metrics(pixels: int, means: NDArray[np.float64]) -> DepthMetrics:
+    values = dict(zip(_NAMES, means.tolist(), strict=True))
+    values["rmse_mm"] = math.sqrt(values["rmse_mm"])
+    # One NaN for all, so that the metrics of two runs compare equal.
+    values = {name: math.nan if math.isnan(value) else value for name, value in values.items()}
+    return DepthMetrics(pixels=pixels, **values)
 
 
 def depth_metrics(estimate_mm: NDArray[np.float32], truth_mm: NDArray[np.float32], mask: NDArray[np.bool_]) -> DepthMetrics:

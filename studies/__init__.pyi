@@ -8,6 +8,7 @@ from .characterization.run import characterise as characterise
 from .depth.config import DepthEvaluation as DepthEvaluation
 from .depth.config import RobustnessConfig as RobustnessConfig
 from .depth.evaluation import evaluate_depth as evaluate_depth
+from .depth.jitter import measure_jitter as measure_jitter
 from .depth.robustness import measure_robustness as measure_robustness
 from .episodes.task_campaigns import CAMPAIGNS as CAMPAIGNS
 from .episodes.task_campaigns import Campaign as Campaign
@@ -46,6 +47,7 @@ __all__ = [
     "collect_pairs",
     "evaluate_depth",
     "measure_fidelity",
+    "measure_jitter",
     "measure_robustness",
     "measure_speed",
     "render_training_frames",

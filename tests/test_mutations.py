@@ -86,8 +86,8 @@ MUTATIONS = (
     Mutation(
         name="relative-error-over-the-estimate",
         file="perception/metrics.py",
-        before="error.sum(),\n            (size / truth).sum()",
-        after="error.sum(),\n            (size / estimate).sum()",
+        before="bias_mm=error.sum(),\n            abs_rel=(size / truth).sum()",
+        after="bias_mm=error.sum(),\n            abs_rel=(size / estimate).sum()",
         tests=("tests/perception/test_metrics.py",),
     ),
     Mutation(

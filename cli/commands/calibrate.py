@@ -39,7 +39,9 @@ def main(arguments: Sequence[str]) -> int:
         with progress_bar("views", config.pictures) as advance_to:
             found = calibrate_bench(config, advance_to)
         with folder.artefact("calibration.json") as path:
-            save_calibration(path, found.stereo, projector=found.projector, hand_eye=found.hand_eye)
+            save_calibration(
+                path, found.stereo, projector=found.projector, hand_eye=found.hand_eye, mask=config.bench.scope.mask
+            )
         folder.write_text("views.csv", views_as_csv(found))
         folder.write_text("corners.csv", corners_as_csv(found))
         with folder.artefact("calibration.png") as path:

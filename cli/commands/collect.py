@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from laploop.cli.console import ResultTable, progress_bar
-from laploop.cli.dataset import PAIRS, verify_dataset
+from laploop.cli.dataset import PAIRS, SCOPE, verify_dataset
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import Inlined, parse
 from laploop.cli.tree_options import FileOptions
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 class CollectArguments:
     """Collect stripe frames and the depth of a reference camera, pair by pair, on a simulated bench.
 
-    Writes the data set `pairs.zarr`, its card `card.md` with figures and `statistics.json`, and `summary.json`. When it was
-    stopped, the same command goes on where it was. With `--verify` it checks a data set instead. Of a configuration file it
-    takes the tissue, the scope and the optics.
+    Writes the data set `pairs.zarr`, its card `card.md` with figures and `statistics.json`, the scope as designed `scope.json`
+    (for `laploop predict`), and `summary.json`. When it was stopped, the same command goes on where it was. With `--verify` it
+    checks a data set instead. Of a configuration file it takes the tissue, the scope and the optics.
     """
 
     acquisition: Inlined[AcquisitionConfig] = field(default_factory=AcquisitionConfig)
@@ -55,6 +55,7 @@ def main(arguments: Sequence[str]) -> int:
     if chosen.out is None:
         raise InvalidValueError("--out", None, "a folder for the data set, or --verify and a data set")
 
+    from laploop.perception.calibration.scope_rig import save_design
     from laploop.perception.data.pair_store import PairStore
     from laploop.studies.acquisition.run import collect_pairs  # slow to import
 
@@ -65,6 +66,8 @@ def main(arguments: Sequence[str]) -> int:
         collect_pairs(config, path, calibration=chosen.calibration, progress=progress_bar)
         store = PairStore.open(path)
         summary = _describe(store, folder)
+        with folder.artefact(SCOPE) as partial:
+            save_design(partial, store.optics)
         size_mb = 1e-6 * sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
         results = {
             "pairs_collected_now": len(store) - before,

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 class EvaluateArguments:
     """Measure models on tissues that were not in training, against exact depth and against the reference camera.
 
-    Writes `depth.csv`, `depth.md`, `depth.json`, figures, with --robustness `robustness.csv` and `robustness.md`, and
-    `summary.json`.
+    Writes `depth.csv`, `depth.md`, `depth.json`, figures, with --robustness `robustness.csv`, `robustness.md`, `jitter.csv` and
+    `jitter.md`, and `summary.json`.
     """
 
     evaluation: Inlined[DepthEvaluation] = DepthEvaluation()
@@ -30,7 +30,8 @@ class EvaluateArguments:
     """Which models, separated by commas or spaces; dpt and depth-anything are compared raw and fitted. An estimator of your own
     is `module:Class`."""
     robustness: bool = False
-    """Also render other conditions than the nominal one (half the light, a large tool, ...), and measure the models there."""
+    """Also render other conditions than the nominal one (half the light, a large tool, ...), and measure the models there;
+    and still scenes with changing noise, and measure how much depth jitters."""
     conditions: RobustnessConfig = RobustnessConfig()
     """How many frames, for --robustness."""
     out: OutputPath
@@ -48,7 +49,7 @@ def main(arguments: Sequence[str]) -> int:
     from laploop.cli.dataset import dataset_path
     from laploop.perception.data.datasets import open_dataset
     from laploop.studies.depth.evaluation import evaluate_depth
-    from laploop.studies.depth.table import write_table
+    from laploop.studies.depth.table_files import write_table
 
     path = dataset_path(chosen.dataset)
     rows: list[RobustnessRow] = []
@@ -63,19 +64,21 @@ def main(arguments: Sequence[str]) -> int:
             "median_ms": found.median_ms,
             "error_budget": found.error_budget(),
             "rows": found.flat_rows(),
+            "families": found.flat_family_rows(),
+            "reliability": found.reliability_rows(),
         }
         if chosen.robustness:
+            from laploop.studies.depth.jitter import measure_jitter, write_jitter
             from laploop.studies.depth.robustness import measure_robustness, write_robustness
 
-            rows = measure_robustness(
-                chosen.model_names,
-                open_dataset(path).optics,
-                config=chosen.conditions,
-                weights=chosen.evaluation.weights,
-                range_mm=(chosen.evaluation.nearest_mm, chosen.evaluation.farthest_mm),
-            )
+            scope, range_mm = open_dataset(path).optics, (chosen.evaluation.nearest_mm, chosen.evaluation.farthest_mm)
+            options: dict[str, Any] = {"config": chosen.conditions, "weights": chosen.evaluation.weights, "range_mm": range_mm}
+            rows = measure_robustness(chosen.model_names, scope, **options)
             write_robustness(rows, folder.path)
+            still = measure_jitter(chosen.model_names, scope, **options)
+            write_jitter(still, folder.path)
             results["robustness"] = [row.flat() for row in rows]
+            results["jitter"] = [row.flat() for row in still]
         folder.write_summary(results, config=chosen, seed=chosen.evaluation.bootstrap_seed)
     _show(found, rows, folder.path)
     return 0

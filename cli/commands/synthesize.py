@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from laploop.cli.console import ResultTable, progress_bar
-from laploop.cli.dataset import FRAMES, verify_dataset
+from laploop.cli.dataset import FRAMES, SCOPE, verify_dataset
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import Inlined, parse
 from laploop.cli.tree_options import FileOptions
@@ -17,8 +17,9 @@ from laploop.studies.synthesis.config import TrainingFramesConfig
 class SynthesizeArguments:
     """Render stripe frames of many tissues, or of anatomy of many families, with exact depth, for training and evaluation.
 
-    Writes the data set `frames.zarr` and `summary.json`. When it was stopped, the same command goes on where it was. With
-    `--verify` it checks a data set instead. Of a configuration file it takes the scope.
+    Writes the data set `frames.zarr`, the nominal scope `scope.json` (for `laploop predict`) and `summary.json`. When it was
+    stopped, the same command goes on where it was. With `--verify` it checks a data set instead. Of a configuration file it
+    takes the scope.
     """
 
     frames: Inlined[TrainingFramesConfig] = field(default_factory=TrainingFramesConfig)
@@ -46,6 +47,7 @@ def main(arguments: Sequence[str]) -> int:
     if chosen.out is None:
         raise InvalidValueError("--out", None, "a folder for the data set, or --verify and a data set")
 
+    from laploop.perception.calibration.scope_rig import save_design
     from laploop.perception.data.frame_store import FrameStore
     from laploop.studies.synthesis.run import render_training_frames  # slow to import
 
@@ -64,6 +66,8 @@ def main(arguments: Sequence[str]) -> int:
             "tissues": tissues,
             "families": store.tissues_by_family(),
         }
+        with folder.artefact(SCOPE) as partial:
+            save_design(partial, store.optics)
         folder.write_summary(results, config=chosen, seed=config.seed)
     table = ResultTable(f"data set, seed {config.seed}")
     table.row("frames", str(len(store)), f"{with_tool} with the instrument in view")

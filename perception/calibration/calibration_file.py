@@ -3,13 +3,14 @@
 The file holds, in metres and pixels (centre of the first pixel at (0.5, 0.5), as `units` says):
 
     schema, version, units
-    cameras.scope, cameras.reference:
+    cameras.scope:
         width, height, fx, fy, cx, cy, distortion {k1, k2, p1, p2, k3}, view_errors_px, camera_from_board
-    transforms.scope_from_reference: 4x4, row by row
-    view_errors_px: of the pairs of views
 
 and, where they were calibrated,
 
+    cameras.reference: as cameras.scope
+    transforms.scope_from_reference: 4x4, row by row
+    view_errors_px: of the pairs of views
     projector:
         projector_from_camera: 4x4, row by row
         period_tan: of the stripes, in tangents of the angle to the projector's axis
@@ -19,8 +20,9 @@ and, where they were calibrated,
     hand_eye:
         flange_from_camera, world_from_board: 4x4, row by row
         view_errors_px
+    mask: the fields of a `StripeMask` as designed; those that are left out have their defaults
 
-Other keys are ignored.
+The first three go together. Other keys are ignored.
 """
 
 import json
@@ -32,7 +34,9 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from laploop.errors import InvalidValueError, check_file
+from laploop.assets.stripe_mask import StripeMask
+from laploop.configuration import from_plain, to_plain
+from laploop.errors import InvalidValueError, LaploopError, check_file
 from laploop.perception.calibration.hand_eye import HandEyeCalibration
 from laploop.perception.calibration.projector import UNKNOWNS, ProjectorCalibration
 from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
@@ -49,19 +53,24 @@ UNITS = {"length": "m", "pixel": "px, the centre of the first pixel is (0.5, 0.5
 class CalibrationRecord:
     """The content of a calibration file."""
 
-    stereo: StereoCalibration
+    scope: CameraCalibration
+    stereo: StereoCalibration | None = None
+    """The scope's camera again, with the reference camera."""
     projector: ProjectorCalibration | None = None
     hand_eye: HandEyeCalibration | None = None
+    mask: StripeMask | None = None
+    """As designed: number, duty and field of the stripes, which the calibration of the projector does not reveal."""
 
 
 def save_calibration(
     path: Path,
-    calibration: StereoCalibration,
+    calibration: StereoCalibration | CameraCalibration,
     *,
     projector: ProjectorCalibration | None = None,
     hand_eye: HandEyeCalibration | None = None,
+    mask: StripeMask | None = None,
 ) -> None:
-    """Write a calibration of the two cameras and, where they were calibrated, of projector and scope on the arm.
+    """Write a calibration of both cameras, or the scope's alone, and of projector and arm where they were calibrated.
 
     The file appears whole or not at all, and an older one stays until then.
 
@@ -69,33 +78,41 @@ def save_calibration(
         OutputError: If the file cannot be written.
     """
     with whole_file(path) as partial:
-        partial.write_text(as_json(calibration, projector=projector, hand_eye=hand_eye), encoding="utf-8")
+        partial.write_text(as_json(calibration, projector=projector, hand_eye=hand_eye, mask=mask), encoding="utf-8")
 
 
 def as_json(
-    calibration: StereoCalibration,
+    calibration: StereoCalibration | CameraCalibration,
     *,
     projector: ProjectorCalibration | None = None,
     hand_eye: HandEyeCalibration | None = None,
+    mask: StripeMask | None = None,
 ) -> str:
     """Return the content of a calibration file; see `save_calibration`."""
-    content: dict[str, Any] = {
-        "schema": SCHEMA,
-        "version": VERSION,
-        "units": UNITS,
-        "cameras": {"scope": _camera_as_dict(calibration.scope), "reference": _camera_as_dict(calibration.reference)},
-        "transforms": {"scope_from_reference": calibration.scope_from_reference.tolist()},
-        "view_errors_px": list(calibration.view_errors_px),
-    }
+    content: dict[str, Any] = {"schema": SCHEMA, "version": VERSION, "units": UNITS}
+    if isinstance(calibration, CameraCalibration):
+        content["cameras"] = {"scope": _camera_as_dict(calibration)}
+    else:
+        content["cameras"] = {
+            "scope": _camera_as_dict(calibration.scope),
+            "reference": _camera_as_dict(calibration.reference),
+        }
+        content["transforms"] = {"scope_from_reference": calibration.scope_from_reference.tolist()}
+        content["view_errors_px"] = list(calibration.view_errors_px)
     for name, section in (("projector", projector), ("hand_eye", hand_eye)):
         if section is not None:
             content[name] = {field.name: _plain(getattr(section, field.name)) for field in fields(section)}
+    if mask is not None:
+        content["mask"] = to_plain(mask)
     return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
 def load_calibration(path: Path) -> StereoCalibration:
-    """Read the calibration of the two cameras; errors as of `load_record`."""
-    return load_record(path).stereo
+    """Read the calibration of the two cameras; errors as of `load_record`, also for a file without a reference camera."""
+    stereo = load_record(path).stereo
+    if stereo is None:
+        raise InvalidValueError("calibration", str(path), "one with cameras.reference and transforms.scope_from_reference")
+    return stereo
 
 
 def load_record(path: Path) -> CalibrationRecord:
@@ -114,15 +131,13 @@ def load_record(path: Path) -> CalibrationRecord:
         raise InvalidValueError("calibration", str(path), f"a JSON file that can be read ({error})") from error
     try:
         _check_header(content)
+        scope = _camera(_field(content, "cameras", "scope"))
         return CalibrationRecord(
-            stereo=StereoCalibration(
-                scope=_camera(_field(content, "cameras", "scope")),
-                reference=_camera(_field(content, "cameras", "reference")),
-                scope_from_reference=_matrix(_field(content, "transforms", "scope_from_reference")),
-                view_errors_px=_numbers(_field(content, "view_errors_px")),
-            ),
+            scope=scope,
+            stereo=_stereo(content, scope) if "reference" in content["cameras"] or "transforms" in content else None,
             projector=_projector(content["projector"]) if "projector" in content else None,
             hand_eye=_hand_eye(content["hand_eye"]) if "hand_eye" in content else None,
+            mask=_mask(content["mask"]) if "mask" in content else None,
         )
     except InvalidValueError as error:
         raise InvalidValueError("calibration", str(path), f"a complete and valid one ({error})") from error
@@ -162,6 +177,24 @@ def _camera(content: Any) -> CameraCalibration:
         view_errors_px=_numbers(_field(content, "view_errors_px")),
         camera_from_board=np.array([_matrix(pose) for pose in _list(_field(content, "camera_from_board"))]),
     )
+
+
+def _stereo(content: Any, scope: CameraCalibration) -> StereoCalibration:
+    return StereoCalibration(
+        scope=scope,
+        reference=_camera(_field(content, "cameras", "reference")),
+        scope_from_reference=_matrix(_field(content, "transforms", "scope_from_reference")),
+        view_errors_px=_numbers(_field(content, "view_errors_px")),
+    )
+
+
+def _mask(content: Any) -> StripeMask:
+    if not isinstance(content, Mapping):
+        raise InvalidValueError("mask", content, "an object with fields of a StripeMask")
+    try:
+        return from_plain(StripeMask, dict(content))
+    except LaploopError as error:
+        raise InvalidValueError("mask", dict(content), f"a StripeMask ({error})") from error
 
 
 def _projector(content: Any) -> ProjectorCalibration:

@@ -14,7 +14,13 @@ from scipy.spatial.transform import Rotation
 
 from laploop.assets.stripe_mask import StripeMask
 from laploop.errors import InvalidValueError
-from laploop.perception.calibration.results import CameraCalibration, check_view_count, check_view_errors, root_mean_square
+from laploop.perception.calibration.results import (
+    MIN_VIEWS,
+    CameraCalibration,
+    check_view_count,
+    check_view_errors,
+    root_mean_square,
+)
 from laploop.perception.carrier import StripeCarrier
 from laploop.perception.estimators.phase import PhaseEstimator
 from laploop.perception.geometry import Rig, rigid_transform, transform_points
@@ -187,9 +193,13 @@ def calibrated_rig(
 
     Baseline, period and phase are fitted in turns over the whole image, evenly in inverse depth; the nominal mask gives stripe
     count and duty. A projector that is turned or stands ahead of the camera bends the stripes a little; the rig neglects that,
-    and its size is returned.
+    and its size is returned. A parallel projector with the nominal stripes gives them back to the bit.
     """
     mask, k = nominal.mask, camera.intrinsics
+    distortion_px = _distortion_px(camera)
+    if _is_as_designed(projector, mask):
+        rig = Rig(camera=k, baseline_m=projector.baseline_m, mask=mask)
+        return CalibratedRig(rig=rig, misfit_turns=0.0, misfit_mm=0.0, distortion_px=distortion_px)
     inverse = np.linspace(1.0 / depths_m[1], 1.0 / depths_m[0], 8)
     rays = k.rays[::8, ::8].reshape(-1, 3)
     turns = projector.turns(rays / inverse[:, None, None])
@@ -203,15 +213,40 @@ def calibrated_rig(
         fov_rad=2.0 * math.atan(half_width),
         phase=float(np.mod(half_width * frequency - 0.5 * mask.duty - phase, 1.0)),
     )
-    edge_x, edge_y = np.moveaxis(k.rays[:: k.height - 1, :: k.width - 1, :2], -1, 0)
-    on_lens_x, on_lens_y = camera.distortion.apply(edge_x, edge_y)
-    moved = np.hypot(k.fx * (on_lens_x - edge_x), k.fy * (on_lens_y - edge_y))
     return CalibratedRig(
         rig=Rig(camera=k, baseline_m=float(over_depth / frequency), mask=fitted),
         misfit_turns=misfit,
         misfit_mm=misfit * 1e3 * 0.1**2 / float(over_depth),
-        distortion_px=float(moved.max()),
+        distortion_px=distortion_px,
     )
+
+
+def designed_projector(rig: Rig) -> ProjectorCalibration:
+    """Return the calibration of a projector that is just as a rig's design has it, without any error."""
+    phase = phase_of_mask(rig.mask)
+    return ProjectorCalibration(
+        projector_from_camera=rig.projector_from_camera,
+        period_tan=rig.mask.period_tan,
+        phase_turns=phase - round(phase),
+        view_errors_turns=(0.0,) * MIN_VIEWS,
+        deviations=dict.fromkeys(UNKNOWNS, 0.0),
+    )
+
+
+def _is_as_designed(projector: ProjectorCalibration, mask: StripeMask) -> bool:
+    parallel = np.eye(4)
+    parallel[0, 3] = projector.projector_from_camera[0, 3]
+    phase = phase_of_mask(mask)
+    same_stripes = (projector.period_tan, projector.phase_turns) == (mask.period_tan, phase - round(phase))
+    return same_stripes and np.array_equal(projector.projector_from_camera, parallel)
+
+
+def _distortion_px(camera: CameraCalibration) -> float:
+    """Return how far the lens moves the corners of the image."""
+    k = camera.intrinsics
+    edge_x, edge_y = np.moveaxis(k.rays[:: k.height - 1, :: k.width - 1, :2], -1, 0)
+    on_lens_x, on_lens_y = camera.distortion.apply(edge_x, edge_y)
+    return float(np.hypot(k.fx * (on_lens_x - edge_x), k.fy * (on_lens_y - edge_y)).max())
 
 
 def _stripes_on_plane(

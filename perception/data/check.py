@@ -7,8 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.errors import LaploopError
+from laploop.perception.data.calibrated_pair_store import CalibratedPairStore
 from laploop.perception.data.dataset import SPLITS
-from laploop.perception.data.frame_store import FrameStore
+from laploop.perception.data.datasets import AnyStore
+from laploop.perception.data.imported_pair_store import ImportedPairStore
 from laploop.perception.data.pair_store import PairFrame, PairStore
 
 _MEDIAN_LIMIT_MM = 2.0
@@ -32,7 +34,7 @@ class CheckResult:
         return not self.problems
 
 
-def check_dataset(store: FrameStore | PairStore, *, report: Callable[[int], None] | None = None) -> CheckResult:
+def check_dataset(store: AnyStore, *, report: Callable[[int], None] | None = None) -> CheckResult:
     """Check every frame of a data set: complete, readable, unchanged, and plausible.
 
     A frame must be done; its arrays must be those that were written; its depth, lit and shadow masks must agree on where
@@ -49,7 +51,7 @@ def check_dataset(store: FrameStore | PairStore, *, report: Callable[[int], None
     return CheckResult(frames=len(store), done=int(done.sum()), problems=tuple(problems))
 
 
-def _check_plan(store: FrameStore | PairStore) -> list[str]:
+def _check_plan(store: AnyStore) -> list[str]:
     problems = []
     if not np.isin(store.split, np.arange(len(SPLITS))).all():
         problems.append(f"split: numbers other than 0 to {len(SPLITS) - 1}")
@@ -61,9 +63,11 @@ def _check_plan(store: FrameStore | PairStore) -> list[str]:
     return problems
 
 
-def _check_frame(store: FrameStore | PairStore, index: int) -> list[str]:
+def _check_frame(store: AnyStore, index: int) -> list[str]:
     try:
         store.verify([index])
+        if isinstance(store, ImportedPairStore):
+            return _check_imported(store, index)
         if isinstance(store, PairStore):
             return _check_pair(store, index)
         depth_mm, lit = store.depth_mm(index), store.lit(index)
@@ -78,17 +82,32 @@ def _check_frame(store: FrameStore | PairStore, index: int) -> list[str]:
 
 
 def _check_pair(store: PairStore, index: int) -> list[str]:
-    frame, metadata = store.frame(index), store.metadata(index)
-    number, speed = metadata.get("index"), metadata.get("surface_speed_mm_s", np.nan)
+    frame, speed = store.frame(index), store.metadata(index).get("surface_speed_mm_s", np.nan)
+    problems = _check_reference(store, index, frame.reference_depth_mm)
+    if not speed <= _SETTLED_MM_S:
+        problems.append(f"the tissue moved at {speed:g} mm/s when it was taken")
+    return problems + _check_content(frame)
+
+
+def _check_imported(store: ImportedPairStore, index: int) -> list[str]:
+    image, reference_mm = store.image(index), store.reference_depth_mm(index)
+    problems = _check_reference(store, index, reference_mm) + _check_positive("reference_depth_mm", reference_mm)
+    if image.min() == image.max():
+        problems.append("its image is uniform")
+    if (share := float(np.isfinite(reference_mm).mean())) < _SMALLEST_FRACTION:
+        problems.append(f"{share:.1%} of the image have a reference depth; expected: at least {_SMALLEST_FRACTION:.0%}")
+    return problems
+
+
+def _check_reference(store: CalibratedPairStore, index: int, reference_mm: NDArray[np.float32]) -> list[str]:
+    number = store.metadata(index).get("index")
     reprojected = store.reproject_with(index, store.calibration.scope_from_reference).depth_mm
     problems = []
     if number != index:
         problems.append(f"its metadata belong to pair {number}")
-    if not np.array_equal(frame.reference_depth_mm, reprojected, equal_nan=True):
+    if not np.array_equal(reference_mm, reprojected, equal_nan=True):
         problems.append("its reference depth is not what the stored cloud and calibration give")
-    if not speed <= _SETTLED_MM_S:
-        problems.append(f"the tissue moved at {speed:g} mm/s when it was taken")
-    return problems + _check_content(frame)
+    return problems
 
 
 def _check_positive(name: str, values: NDArray[np.float32]) -> list[str]:

@@ -18,7 +18,7 @@ SPLITS = ("train", "val", "test")
 
 
 class DepthDataset(ABC):
-    """Stripe frames with exact depth.
+    """Stripe frames with exact depth, or with that of a reference camera.
 
     Whatever is read is compared with its checksum: a damaged frame raises a `DatasetError`.
     """
@@ -32,6 +32,8 @@ class DepthDataset(ABC):
     """(N,), number of the tissue."""
     tool_in_view: NDArray[np.bool_]
     """(N,), frames with the instrument in view."""
+    has_exact: bool = True
+    """Whether there is exact depth; without it there is only that of a reference camera."""
 
     def __len__(self) -> int:
         return len(self.split)

@@ -28,6 +28,7 @@ class JoinedDataset(DepthDataset):
         self._starts = np.cumsum([0, *(len(part) for part in parts)])
         self.path = Path("+".join(str(part.path) for part in parts))
         self.optics = parts[0].optics
+        self.has_exact = all(part.has_exact for part in parts)
         self.split = np.concatenate([part.split for part in parts])
         self.tissue_seed = np.concatenate([part.tissue_seed for part in parts])
         self.tool_in_view = np.concatenate([part.tool_in_view for part in parts])

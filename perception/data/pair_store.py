@@ -14,31 +14,28 @@
 Beside the arrays lies `calibration.json`, the calibration that `reference_depth_mm` was made with.
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.configuration import to_plain
-from laploop.errors import InvalidValueError
 from laploop.perception.calibration.calibration_file import as_json, load_calibration
 from laploop.perception.calibration.results import StereoCalibration
-from laploop.perception.data.dataset import ReferencedDataset
+from laploop.perception.data.calibrated_pair_store import (
+    CALIBRATION,
+    METADATA_BYTES,
+    CalibratedPairStore,
+    Float32,
+    pack_metadata,
+)
 from laploop.perception.data.integrity import refusing_damage
-from laploop.perception.data.store import Store
 from laploop.perception.geometry import Intrinsics, Rig
-from laploop.perception.reprojection import BrownDistortion, ReprojectedDepth, reproject
 
-Float32 = NDArray[np.float32]
 Bool = NDArray[np.bool_]
-
-CALIBRATION = "calibration.json"
-_METADATA_BYTES = 16384
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,13 +57,12 @@ _TYPES = {field.name: "float32" for field in fields(PairFrame)}
 _TYPES |= {"image": "uint8", "lit": "bool", "shadow": "bool", "reference_rgba": "uint8"}
 
 
-class PairStore(Store, ReferencedDataset):
-    """One paired data set on disk."""
+class PairStore(CalibratedPairStore):
+    """One paired data set of the simulated bench on disk."""
 
     FORMAT = "laploop-pairs-2"
     OLDER_FORMATS = ("laploop-pairs-1",)
     COMMAND = "`laploop collect`"
-    NOUN = "pair"
 
     def __init__(self, path: Path, *, writable: bool = False) -> None:
         """Open a store; see `Store`."""
@@ -76,8 +72,7 @@ class PairStore(Store, ReferencedDataset):
             """Of the reference camera's region of interest, as calibrated by its maker; turns `z` into `xyz`."""
             self.true_scope_from_reference: NDArray[np.float64] = np.array(self._attributes["true_scope_from_reference"])
             """4x4, metres; known to a simulator only."""
-            self.calibration: StereoCalibration = load_calibration(path / CALIBRATION)
-            """What the reference depth was reprojected with."""
+            self.calibration = load_calibration(path / CALIBRATION)
         self._rig = Rig.from_optics(self.optics)
 
     @classmethod
@@ -105,7 +100,7 @@ class PairStore(Store, ReferencedDataset):
             path,
             arrays={
                 **{name: (dtype, shapes.get(name, scope)) for name, dtype in _TYPES.items()},
-                "metadata": ("uint8", (_METADATA_BYTES,)),
+                "metadata": ("uint8", (METADATA_BYTES,)),
             },
             plan={"tissue_seed": tissue_seed, "split": split, "tool_in_view": tool_in_view},
             files={CALIBRATION: as_json(calibration).encode()},
@@ -122,19 +117,7 @@ class PairStore(Store, ReferencedDataset):
             InvalidValueError: If an array has another type or shape, or the metadata are too long or not JSON.
             OutputError: If the disk refuses.
         """
-        try:
-            text = json.dumps(metadata, allow_nan=False).encode()
-        except (TypeError, ValueError) as error:
-            raise InvalidValueError(f"metadata of pair {index}", dict(metadata), f"what JSON knows ({error})") from error
-        if len(text) > _METADATA_BYTES:
-            raise InvalidValueError(f"length of the metadata of pair {index}", len(text), f"at most {_METADATA_BYTES} bytes")
-        padded = np.frombuffer(text.ljust(_METADATA_BYTES, b"\0"), dtype=np.uint8)
-        self._write(index, {**vars(frame), "metadata": padded})
-
-    def rig(self, index: int) -> Rig:
-        """Return the rig of a pair: one scope took them all."""
-        self._check_index(index)
-        return self._rig
+        self._write(index, {**vars(frame), "metadata": pack_metadata(index, metadata)})
 
     def frame(self, index: int) -> PairFrame:
         """Read all arrays of a pair."""
@@ -145,21 +128,3 @@ class PairStore(Store, ReferencedDataset):
         z_mm: Float32 = self.read("reference_z_mm", index)
         cloud: Float32 = self.reference_intrinsics.rays.astype(np.float32) * z_mm[..., None]
         return cloud[np.isfinite(z_mm)]
-
-    def reproject_with(self, index: int, scope_from_reference: NDArray[np.float64]) -> ReprojectedDepth:
-        """Reproject the reference camera's points into the calibrated scope's image with a given transform (4x4, metres)."""
-        return reproject_by(self.calibration, self.reference_cloud_mm(index), scope_from_reference)
-
-    def metadata(self, index: int) -> dict[str, Any]:
-        """Read the metadata of a pair."""
-        return cast("dict[str, Any]", json.loads(self.read("metadata", index).tobytes().rstrip(b"\0")))
-
-
-def reproject_by(
-    calibration: StereoCalibration, xyz_mm: Float32, scope_from_reference: NDArray[np.float64] | None = None
-) -> ReprojectedDepth:
-    """Reproject points (..., 3) of the reference camera with a calibration, or with another transform in place of its own."""
-    transform = calibration.scope_from_reference if scope_from_reference is None else scope_from_reference
-    scope = calibration.scope
-    distortion = None if scope.distortion == BrownDistortion() else scope.distortion
-    return reproject(xyz_mm, transform, scope.intrinsics, distortion)

@@ -1,5 +1,6 @@
 """The contract of every depth estimator."""
 
+from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -52,7 +53,7 @@ def checked_estimate(estimate: object, shape: tuple[int, int]) -> DepthEstimate:
         raise InvalidValueError("depth_mm of the estimate", float(depth_mm[wrong][0]), allowed)
     if finite.all():
         return estimate
-    return DepthEstimate(depth_mm=np.where(finite, depth_mm, np.float32(0.0)), valid=valid)
+    return replace(estimate, depth_mm=np.where(finite, depth_mm, np.float32(0.0)))
 
 
 def _in_words(value: object) -> str:

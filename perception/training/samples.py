@@ -82,9 +82,11 @@ class Samples:
 
 def check_against(dataset: DepthDataset, against: str) -> None:
     """Raise an `InvalidValueError` for a truth that the data set does not have."""
-    allowed = AGAINST if isinstance(dataset, ReferencedDataset) else AGAINST[:1]
+    exact, reference = dataset.has_exact, isinstance(dataset, ReferencedDataset)
+    allowed = [truth for truth, there in zip(AGAINST, (exact, reference), strict=True) if there]
     if against not in allowed:
-        note = "" if len(allowed) > 1 else "; only pairs made by `laploop collect` have a reference camera"
+        note = "" if reference else "; only pairs of `laploop collect` or `laploop import-pairs` have a reference camera"
+        note += "" if exact else "; pairs of a real bench have no exact depth"
         raise InvalidValueError(f"truth to learn from {dataset.path}", against, ", ".join(allowed) + note)
 
 

@@ -16,7 +16,8 @@ from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.envs.sensors.reference.camera import ReferenceCamera
 from laploop.envs.sensors.reference.optics import ReferenceOptics
 from laploop.envs.sensors.stripe_capture import StripeCapture
-from laploop.perception.data.pair_store import PairFrame, PairStore, reproject_by
+from laploop.perception.data.calibrated_pair_store import reproject_by
+from laploop.perception.data.pair_store import PairFrame, PairStore
 from laploop.perception.geometry import invert_transform, transform_points
 from laploop.studies.acquisition.config import AcquisitionConfig
 from laploop.studies.acquisition.stage_pose import StagePose, draw_stage_pose, home_pose

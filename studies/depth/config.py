@@ -25,7 +25,7 @@ class DepthEvaluation:
     farthest_mm: Millimetres = 140.0
     """Pixels whose exact depth lies outside are left out of `exact`."""
     bins_mm: tuple[Millimetres, ...] = (60.0, 80.0, 100.0, 120.0, 140.0)
-    """Edges of the bins of working distance, which is the median of a frame's exact depth."""
+    """Edges of the bins of working distance: the median of a frame's exact depth, or of the reference's where none is exact."""
     weights: dict[str, Path] = field(default_factory=dict)
     """Replaces the shipped weights: pairs of a model's name and its file, or folder for dpt and depth-anything."""
     residual_mm: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
@@ -66,6 +66,8 @@ class RobustnessConfig:
     tissues: Annotated[int, Field(ge=1, le=1000)] = 6
     frames_per_tissue: Annotated[int, Field(ge=1, le=1000)] = 4
     seed: Annotated[int, Field(ge=0, le=2**31)] = 0
+    noise_seeds: Annotated[int, Field(ge=2, le=1000)] = 10
+    """Images of each still scene, one a tissue, that differ in their noise alone: how much depth jitters."""
 
     @property
     def frames(self) -> int:

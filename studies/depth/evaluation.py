@@ -14,17 +14,21 @@ from rich.progress import track
 
 from laploop.errors import InvalidValueError
 from laploop.perception.cramer_rao import CramerRaoBound
-from laploop.perception.data.datasets import DepthDataset, open_dataset
-from laploop.perception.data.pair_store import PairStore
+from laploop.perception.data.calibrated_pair_store import CalibratedPairStore
+from laploop.perception.data.datasets import DepthDataset, ReferencedDataset, open_dataset
 from laploop.perception.estimators.base import DepthEstimator, checked_estimate
 from laploop.perception.estimators.monocular import MonocularEstimator, fitted
 from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.estimators.registry import make_estimator
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate
-from laploop.perception.metrics import DepthErrors, bootstrap_interval
+from laploop.perception.metrics import DepthErrors
+from laploop.perception.reliability import ReliabilityErrors
+from laploop.perception.surface_measures import TrueSurface
 from laploop.studies.depth.config import DepthEvaluation
-from laploop.studies.depth.table import AGAINST, REFERENCE_ROW, DepthExample, DepthRow, DepthTable, write_table
+from laploop.studies.depth.error_tally import SETS, ErrorTally, FrameGroup
+from laploop.studies.depth.table import REFERENCE_ROW, DepthExample, DepthRow, DepthTable
+from laploop.studies.depth.table_files import write_table
 
 _SETS = {"exact": ("exact",), "zivid": ("zivid",), "both": ("zivid", "exact-at-zivid", "exact")}
 _KEPT_ESTIMATORS = 16
@@ -38,6 +42,9 @@ class _Truth:
     against: str
     depth_mm: NDArray[np.float32]
     mask: NDArray[np.bool_]
+    lit: NDArray[np.bool_]
+    """Those of the mask that the projector reaches, in the range of depth."""
+    surface: TrueSurface
 
 
 def evaluate_depth(
@@ -63,8 +70,12 @@ def evaluate_depth(
     if strangers:
         raise InvalidValueError("weights for", sorted(strangers), f"models that are evaluated: {', '.join(models)}")
     data = open_dataset(dataset)
-    if chosen.against != "exact" and not isinstance(data, PairStore):
+    if chosen.against != "exact" and not isinstance(data, CalibratedPairStore):
         raise InvalidValueError("against", chosen.against, f"exact: the data set {dataset} has no reference camera")
+    if chosen.against != "zivid" and not data.has_exact:
+        raise InvalidValueError("against", chosen.against, f"zivid: the data set {dataset} has no exact depth")
+    if "oracle" in models and not data.has_exact:
+        raise InvalidValueError("models", "oracle", f"others: the data set {dataset} has no exact depth for it")
     indices = data.indices(chosen.split)
     data.verify(indices)
     estimators = EstimatorCache(models, chosen.weights)
@@ -74,12 +85,15 @@ def evaluate_depth(
     shown = set(_example_indices(data.tissue_seed[indices], indices, chosen.examples))
     for index in track(indices.tolist(), "evaluating", console=Console(stderr=True), disable=not progress):
         evaluation.count(index, estimators.all(data.rig(index)), keep=index in shown)
+    rows = evaluation.rows()
     table = DepthTable(
         dataset=dataset.name,
         config=chosen,
         tissues=len(evaluation.tissues),
         frames=len(indices),
-        rows=tuple(evaluation.rows()),
+        rows=tuple(row for row in rows if row.family == "all"),
+        family_rows=tuple(row for row in rows if row.family != "all"),
+        reliability=evaluation.reliability,
         median_ms={name: float(np.median(times)) for name, times in evaluation.times_ms.items()},
         examples=tuple(evaluation.examples),
     )
@@ -107,31 +121,37 @@ class EstimatorCache:
 
 
 class _Evaluation:
-    """Adds up the errors of all models, by truth, bin of distance and tissue."""
+    """Adds up the errors of all models, by truth, group of frames and tissue."""
 
     def __init__(self, data: DepthDataset, config: DepthEvaluation, indices: NDArray[np.intp]) -> None:
         self._data, self._config = data, config
         self.tissues, tissue = np.unique(data.tissue_seed[indices], return_inverse=True)
         self._tissue = dict(zip(map(int, indices), map(int, tissue), strict=True))
-        self._bins = ["all", *(f"{low:g}-{high:g}" for low, high in pairwise(config.bins_mm))]
-        self._sums: dict[tuple[str, str], NDArray[np.float64]] = {}
-        self._counted: dict[tuple[str, str], NDArray[np.float64]] = {}
-        self._frames = np.zeros(len(self._bins), dtype=np.intp)
+        families = sorted({data.family(int(index)) for index in indices})
+        # One family alone would only repeat the lines of all frames.
+        self._families = families if len(families) > 1 else []
+        bins = ["all", *(f"{low:g}-{high:g}" for low, high in pairwise(config.bins_mm))]
+        groups = [FrameGroup(working_distance_mm=name) for name in bins]
+        self._first_family = len(groups)
+        self._tally = ErrorTally([*groups, *(FrameGroup(family=name) for name in self._families)], len(self.tissues))
         self._floors: dict[Rig, CramerRaoBound] = {}
         self.times_ms: dict[str, list[float]] = {}
         self.examples: list[DepthExample] = []
-        if isinstance(data, PairStore):
+        self.reliability: dict[tuple[str, str], ReliabilityErrors] = {}
+        if isinstance(data, CalibratedPairStore):
             self._scope_from_reference = config.residual.apply(data.calibration.scope_from_reference)
 
     def count(self, index: int, estimators: Mapping[str, DepthEstimator], *, keep: bool) -> None:
         """Measure all models on one frame, and perhaps keep it for the figures."""
         data = self._data
-        image, exact = data.image(index), data.depth_mm(index)
-        distance = float(np.nanmedian(exact)) if np.isfinite(exact).any() else math.nan
-        places = self._places(distance)
-        self._frames[places] += 1
+        image = data.image(index)
+        exact = data.depth_mm(index) if data.has_exact else None
+        known = data.reference_depth_mm(index) if exact is None and isinstance(data, ReferencedDataset) else exact
+        distance = math.nan if known is None or np.isnan(known).all() else float(np.nanmedian(known))
+        places = self._places(index, distance)
+        self._tally.add_frame(places)
         truths = list(self._truths(index, exact))
-        sigma_mm = self._floor_mm(index, image, exact) if self._config.floor_rows else None
+        sigma_mm = None if exact is None or not self._config.floor_rows else self._floor_mm(index, image, exact)
         predictions = {name: self._predict(name, estimator, image, exact, truths) for name, estimator in estimators.items()}
         for number, truth in enumerate(truths):
             estimates = {row: versions[number] for found in predictions.values() for row, versions in found.items()}
@@ -155,60 +175,53 @@ class _Evaluation:
                     )
                 )
 
-    def rows(self) -> Iterator[DepthRow]:
-        """Return the lines of the table."""
-        order = list(AGAINST)
-        for model, against in sorted(self._sums, key=lambda key: order.index(key[1])):
-            sums, counted = self._sums[model, against], self._counted[model, against]
-            for place, name in enumerate(self._bins):
-                # Every line starts from the same state, so that all models meet the same draws of tissues.
-                draws = [np.random.default_rng(self._config.bootstrap_seed) for _ in range(2)]
-                every, valid = (DepthErrors(sums=sums[place, which].sum(axis=0)).metrics() for which in range(2))
-                intervals = [
-                    bootstrap_interval(sums[place, which], draws[which], resamples=self._config.resamples) for which in range(2)
-                ]
-                yield DepthRow(
-                    model=model,
-                    against=against,
-                    working_distance_mm=name,
-                    frames=int(self._frames[place]),
-                    valid_fraction=valid.pixels / max(1.0, counted[place]),
-                    every=every,
-                    every_interval=intervals[0],
-                    valid=valid,
-                    valid_interval=intervals[1],
-                    note=_note(model, self._config),
-                )
+    def rows(self) -> list[DepthRow]:
+        """Return the lines of the table, those of families too."""
+        config = self._config
+        return list(
+            self._tally.rows(seed=config.bootstrap_seed, resamples=config.resamples, note=lambda model: _note(model, config))
+        )
 
-    def _places(self, working_distance_mm: float) -> list[int]:
+    def _places(self, index: int, working_distance_mm: float) -> list[int]:
+        """Return the groups of frames that a frame belongs to."""
         place = int(np.searchsorted(self._config.bins_mm, working_distance_mm, side="right"))
-        return [0, place] if 1 <= place < len(self._bins) else [0]
+        places = [0, place] if 1 <= place < self._first_family else [0]
+        if self._families:
+            places.append(self._first_family + self._families.index(self._data.family(index)))
+        return places
 
-    def _truths(self, index: int, exact: NDArray[np.float32]) -> Iterator[_Truth]:
-        wanted = _SETS[self._config.against]
-        if "zivid" in wanted and isinstance(self._data, PairStore):
-            if self._config.residual.nothing:
+    def _truths(self, index: int, exact: NDArray[np.float32] | None) -> Iterator[_Truth]:
+        wanted, config = _SETS[self._config.against], self._config
+        camera = self._data.rig(index).camera
+        reachable: NDArray[np.bool_] = np.zeros((camera.height, camera.width), dtype=bool)
+        if exact is not None:
+            in_range = (exact >= config.nearest_mm) & (exact <= config.farthest_mm)
+            reachable = in_range & self._data.lit(index)
+            surface = TrueSurface(exact, camera)
+        if "zivid" in wanted and isinstance(self._data, CalibratedPairStore):
+            if config.residual.nothing:
                 reference = self._data.reference_depth_mm(index)
             else:
                 reference = self._data.reproject_with(index, self._scope_from_reference).depth_mm
             seen = np.isfinite(reference)
-            yield _Truth(against="zivid", depth_mm=reference, mask=seen)
-            if "exact-at-zivid" in wanted:
-                yield _Truth(against="exact-at-zivid", depth_mm=exact, mask=seen & np.isfinite(exact))
-        if "exact" in wanted:
-            in_range = (exact >= self._config.nearest_mm) & (exact <= self._config.farthest_mm)
-            yield _Truth(against="exact", depth_mm=exact, mask=in_range)
+            reference_surface = TrueSurface(reference, camera)
+            yield _Truth(against="zivid", depth_mm=reference, mask=seen, lit=seen & reachable, surface=reference_surface)
+            if "exact-at-zivid" in wanted and exact is not None:
+                both = seen & np.isfinite(exact)
+                yield _Truth(against="exact-at-zivid", depth_mm=exact, mask=both, lit=both & reachable, surface=surface)
+        if "exact" in wanted and exact is not None:
+            yield _Truth(against="exact", depth_mm=exact, mask=in_range, lit=reachable, surface=surface)
 
     def _predict(
         self,
         name: str,
         estimator: DepthEstimator,
         image: NDArray[np.uint8],
-        exact: NDArray[np.float32],
+        exact: NDArray[np.float32] | None,
         truths: Sequence[_Truth],
     ) -> dict[str, list[DepthEstimate]]:
         """Return a model's rows: for each its estimate by truth."""
-        if isinstance(estimator, OracleEstimator):
+        if isinstance(estimator, OracleEstimator) and exact is not None:
             estimator.see_truth(exact)
         began = time.perf_counter()
         if isinstance(estimator, MonocularEstimator):
@@ -223,13 +236,22 @@ class _Evaluation:
         else:
             versions = {name: [estimator.estimate(image)] * len(truths)}
         self.times_ms.setdefault(name, []).append(1e3 * (time.perf_counter() - began))
-        return {row: [checked_estimate(one, exact.shape) for one in estimates] for row, estimates in versions.items()}
+        return {row: [checked_estimate(one, image.shape) for one in estimates] for row, estimates in versions.items()}
 
     def _add(self, model: str, truth: _Truth, estimate: DepthEstimate, index: int, places: Sequence[int]) -> None:
-        every, valid = DepthErrors(), DepthErrors()
-        every.add(estimate.depth_mm, truth.depth_mm, truth.mask)
-        valid.add(estimate.depth_mm, truth.depth_mm, truth.mask & estimate.valid)
-        self._put(model, truth, (every, valid), index, places)
+        depth_mm, config = estimate.depth_mm, self._config
+        masks = dict(zip(SETS, (truth.mask, truth.mask & estimate.valid, truth.lit), strict=True))
+        surface, error_mm = truth.surface.compare(depth_mm), depth_mm - truth.depth_mm
+        errors = {}
+        for name, mask in masks.items():
+            errors[name] = DepthErrors()
+            errors[name].add(depth_mm, truth.depth_mm, mask)
+            errors[name].add_surface(surface, error_mm, mask)
+        errors["valid"].add_slips(depth_mm, truth.depth_mm, estimate.valid, (config.nearest_mm, config.farthest_mm))
+        self._put(model, truth, errors, index, places)
+        if estimate.confidence is not None:
+            reliability = self.reliability.setdefault((model, truth.against), ReliabilityErrors())
+            reliability.add(estimate.confidence, depth_mm, truth.depth_mm, truth.mask)
 
     def _floor_mm(self, index: int, image: NDArray[np.uint8], exact: NDArray[np.float32]) -> NDArray[np.float64]:
         """Return the floor of a window on one row, NaN where the stripes cannot be read."""
@@ -243,18 +265,11 @@ class _Evaluation:
             errors = DepthErrors()
             # Rows are independent: their information adds up.
             errors.add_expected(sigma_mm / math.sqrt(rows), truth.depth_mm, truth.mask & np.isfinite(sigma_mm))
-            self._put(floor_name(rows), truth, (errors, errors), index, places)
+            self._put(floor_name(rows), truth, dict.fromkeys(SETS, errors), index, places)
 
-    def _put(
-        self, model: str, truth: _Truth, errors: tuple[DepthErrors, DepthErrors], index: int, places: Sequence[int]
-    ) -> None:
-        key = model, truth.against
-        sums = self._sums.setdefault(key, np.zeros((len(self._bins), 2, len(self.tissues), 8)))
-        counted = self._counted.setdefault(key, np.zeros(len(self._bins)))
-        for place in places:
-            for which, part in enumerate(errors):
-                sums[place, which, self._tissue[index]] += part.sums
-            counted[place] += truth.mask.sum()
+    def _put(self, model: str, truth: _Truth, errors: Mapping[str, DepthErrors], index: int, places: Sequence[int]) -> None:
+        pixels = int(truth.mask.sum())
+        self._tally.add(model, truth.against, errors, pixels=pixels, places=places, tissue=self._tissue[index])
 
 
 def floor_name(rows: int) -> str:

@@ -16,13 +16,13 @@ from laploop.perception.estimators.base import checked_estimate
 from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate
-from laploop.perception.metrics import DepthErrors, DepthMetrics, MetricsInterval, bootstrap_interval
+from laploop.perception.metrics import SUMS, DepthErrors, DepthMetrics, MetricsInterval, bootstrap_interval
 from laploop.studies.csv_text import csv_text
 from laploop.studies.depth.config import RobustnessConfig
 from laploop.studies.depth.evaluation import EstimatorCache
 from laploop.studies.depth.robustness_scenes import CONDITIONS, NOMINAL, OTHER_TISSUE, robustness_frames
 from laploop.studies.depth.smooth_fill import fill_smoothly
-from laploop.studies.depth.table import write_texts
+from laploop.studies.depth.table_files import write_texts
 
 SURROUNDINGS = "exact, unlit filled in"
 """In the table, a model that knows the exact depth of all that the projector reaches, and of the rest only that a
@@ -117,7 +117,7 @@ def measure_robustness(
     # Made before any work starts, so that missing weights are reported at once.
     estimators.all(Rig.from_optics(scope))
     names = [*models, SURROUNDINGS]
-    sums = np.zeros((len(CONDITIONS), len(names), _SETS, chosen.tissues, 8))
+    sums = np.zeros((len(CONDITIONS), len(names), _SETS, chosen.tissues, SUMS))
     places = {name: place for place, name in enumerate(CONDITIONS)}
     frames, count = robustness_frames(chosen, scope), len(CONDITIONS) * chosen.frames
     nominal: list[DepthEstimate] = []

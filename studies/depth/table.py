@@ -1,10 +1,8 @@
-"""The table of a depth evaluation: scores of the models against each truth, as JSON, CSV and Markdown."""
+"""The table of a depth evaluation: scores of the models against each truth."""
 
-import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -13,11 +11,7 @@ from numpy.typing import NDArray
 from laploop.errors import InvalidValueError
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.metrics import DepthMetrics, MetricsInterval
-from laploop.studies.csv_text import csv_text
-from laploop.whole_file import whole_file
-
-TABLE_NAME = "depth"
-"""Stem of the files that an evaluation leaves: `depth.json`, `depth.csv`, `depth.md`."""
+from laploop.perception.reliability import TENTHS, ReliabilityErrors
 
 AGAINST = {
     "zivid": "the reference camera's reprojected depth, over all pixels of its validity mask",
@@ -29,7 +23,7 @@ AGAINST = {
 REFERENCE_ROW = "reference"
 """The reference camera itself, measured against exact depth."""
 
-_INTERVALS = ("mae_mm", "abs_rel", "acc_1_1", "acc_1_21", "rmse_mm", "beyond_20mm")
+_INTERVALS = tuple(metric.name for metric in fields(DepthMetrics) if metric.name not in {"pixels", "bias_mm"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,13 +44,21 @@ class DepthRow:
     valid: DepthMetrics
     """Over those that the model marks valid."""
     valid_interval: MetricsInterval
+    lit_fraction: float
+    """Fraction of the pixels that count that the projector reaches, in the range of depth; 0 where nobody knows them."""
+    lit: DepthMetrics
+    """Over those, whether the model marks them valid or not."""
+    lit_interval: MetricsInterval
+    family: str = "all"
+    """A family of shapes, or `all`."""
     note: str = ""
     """Remark on this line."""
 
     def flat(self) -> dict[str, object]:
-        """Return the line as a flat dictionary; metrics over the pixels that the model marks valid have the prefix `valid_`.
+        """Return the line as a flat dictionary.
 
-        `_low` and `_high` are the ends of the 95 % interval; what is unknown is None.
+        Metrics over the pixels that the model marks valid have the prefix `valid_`, over those that the projector reaches
+        `lit_`. `_low` and `_high` are the ends of the 95 % interval; what is unknown is None.
         """
         line: dict[str, object] = {
             "model": self.model,
@@ -67,9 +69,12 @@ class DepthRow:
         line.update(_with_interval("", self.every, self.every_interval))
         line["valid_share"] = self.valid_fraction
         line.update(_with_interval("valid_", self.valid, self.valid_interval))
+        line["lit_share"] = self.lit_fraction
+        line.update(_with_interval("lit_", self.lit, self.lit_interval))
+        line["family"] = self.family
         line["note"] = self.note
-        # A bin without pixels has no error; neither JSON nor a spreadsheet knows NaN.
-        return {name: None if isinstance(value, float) and math.isnan(value) else value for name, value in line.items()}
+        # A bin without pixels has no error.
+        return {name: _known(value) if isinstance(value, float) else value for name, value in line.items()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -101,6 +106,10 @@ class DepthTable:
     median_ms: Mapping[str, float]
     """Time of one estimate, by model."""
     examples: tuple[DepthExample, ...] = ()
+    family_rows: tuple[DepthRow, ...] = ()
+    """Lines of the families of shapes, where the data set has more than one."""
+    reliability: Mapping[tuple[str, str], ReliabilityErrors] = field(default_factory=dict)
+    """By model and truth, of the models that have a confidence."""
 
     def row(self, model: str, working_distance_mm: str = "all", *, against: str | None = None) -> DepthRow:
         """Return one line; without `against`, the first that fits.
@@ -121,6 +130,18 @@ class DepthTable:
     def flat_rows(self) -> list[dict[str, object]]:
         """Return all lines as flat dictionaries."""
         return [row.flat() for row in self.rows]
+
+    def flat_family_rows(self) -> list[dict[str, object]]:
+        """Return the lines of the families as flat dictionaries."""
+        return [row.flat() for row in self.family_rows]
+
+    def reliability_rows(self) -> list[dict[str, object]]:
+        """Return for each model with a confidence, and each truth, what `perception/reliability.py` measures.
+
+        `risk_mm` is the mean absolute error of the most confident tenth, two tenths, ... of the pixels that count; `tenths` are
+        pixels, predicted and seen rate within 1 mm by tenths of the confidence. What is unknown is None.
+        """
+        return [_reliability_row(model, against, errors) for (model, against), errors in self.reliability.items()]
 
     def error_budget(self) -> dict[str, object] | None:
         """Say how much of the error against the reference camera is the reference's own; None without such rows.
@@ -149,111 +170,23 @@ class DepthTable:
         }
 
 
-def write_table(table: DepthTable, out: Path) -> None:
-    """Write `depth.json`, `depth.csv` and `depth.md` into the folder `out`; raises as `write_texts` does."""
-    rows = table.flat_rows()
-    plain = {
-        "dataset": table.dataset,
-        "split": table.config.split,
-        "pixels_mm": [table.config.nearest_mm, table.config.farthest_mm],
-        "tissues": table.tissues,
-        "frames": table.frames,
-        "median_ms": dict(table.median_ms),
-        "error_budget": table.error_budget(),
-        "rows": rows,
+def _reliability_row(model: str, against: str, errors: ReliabilityErrors) -> dict[str, object]:
+    coverages = np.arange(1, TENTHS + 1) / TENTHS
+    risks, tenths = errors.risk_mm(coverages).tolist(), errors.tenths()
+    return {
+        "model": model,
+        "against": against,
+        "aurc_mm": _known(errors.aurc_mm),
+        "calibration_error": _known(errors.calibration_error),
+        "coverage": coverages.tolist(),
+        "risk_mm": [_known(risk) for risk in risks],
+        "tenths": [{"pixels": part.pixels, "predicted": _known(part.predicted), "seen": _known(part.seen)} for part in tenths],
     }
-    texts = {
-        ".json": json.dumps(plain, indent=2, allow_nan=False) + "\n",
-        ".csv": csv_text(rows[0], (row.values() for row in rows)),
-        ".md": markdown_table(table),
-    }
-    write_texts(out, {f"{TABLE_NAME}{suffix}": text for suffix, text in texts.items()})
 
 
-def write_texts(out: Path, texts: Mapping[str, str]) -> None:
-    """Write files by name into the folder `out`, each atomically.
-
-    Raises:
-        OutputError: If the folder cannot be written.
-    """
-    for name, text in texts.items():
-        with whole_file(out / name) as partial:
-            partial.write_text(text, encoding="utf-8")
-
-
-def markdown_table(table: DepthTable) -> str:
-    """Return the table as Markdown: one section for each truth, the whole first and the bins of distance after it."""
-    sections = []
-    for against, meaning in AGAINST.items():
-        rows = [row for row in table.rows if row.against == against]
-        if not rows:
-            continue
-        whole = [row for row in rows if row.working_distance_mm == "all"]
-        bins = [row for row in rows if row.working_distance_mm != "all"]
-        sections.append(
-            f"## Against {against}\n\n{meaning[0].upper()}{meaning[1:]}; {table.frames} frames of {table.tissues} tissues.\n"
-        )
-        sections.append(_metrics_table(whole))
-        sections.append("By working distance (median depth of a frame):\n")
-        sections.append(_bins_table(bins))
-    budget = table.error_budget()
-    if budget is not None:
-        sections.append(_budget_text(budget))
-    notes = {row.model: row.note for row in table.rows if row.note}
-    sections += [f"`{model}`: {note}.\n" for model, note in notes.items()]
-    sections.append(
-        "In brackets the 95 % interval of a bootstrap over tissues. The last two columns count only the pixels that the model "
-        "marks valid.\n"
-    )
-    return "\n".join(sections)
-
-
-def _metrics_table(rows: Sequence[DepthRow]) -> str:
-    head = (
-        "| model | MAE mm | AbsRel | Acc(1.1) | Acc(1.1²) | RMSE mm | beyond 20 mm | marked valid | MAE mm, marked valid |\n"
-        "|---|---|---|---|---|---|---|---|---|\n"
-    )
-    return head + "".join(
-        f"| {row.model} | {_ranged(row.every, row.every_interval, 'mae_mm', '.2f')} "
-        f"| {_ranged(row.every, row.every_interval, 'abs_rel', '.4f')} | {row.every.acc_1_1:.4f} | {row.every.acc_1_21:.4f} "
-        f"| {row.every.rmse_mm:.2f} | {100 * row.every.beyond_20mm:.2f} % | {100 * row.valid_fraction:.1f} % "
-        f"| {_ranged(row.valid, row.valid_interval, 'mae_mm', '.2f')} |\n"
-        for row in rows
-    )
-
-
-def _bins_table(rows: Sequence[DepthRow]) -> str:
-    head = "| model | mm | frames | MAE mm | Acc(1.1) | marked valid | MAE mm, marked valid |\n|---|---|---|---|---|---|---|\n"
-    return head + "".join(
-        f"| {row.model} | {row.working_distance_mm} | {row.frames} | {_ranged(row.every, row.every_interval, 'mae_mm', '.2f')} "
-        f"| {row.every.acc_1_1:.4f} | {100 * row.valid_fraction:.1f} % "
-        f"| {_ranged(row.valid, row.valid_interval, 'mae_mm', '.2f')} |\n"
-        for row in rows
-        if row.frames
-    )
-
-
-def _budget_text(budget: Mapping[str, Any]) -> str:
-    lines = [
-        "## Where the error comes from\n",
-        "Calibration, reprojection and the reference camera itself: the reference is",
-        f"{budget['reference_mae_mm']:.2f} mm (MAE) from exact depth at its own pixels. Absolute errors do not add",
-        "up: the whole is at most the sum of the two parts.\n",
-        "| model | whole: against the reference | the model's own: against exact, same pixels |",
-        "|---|---|---|",
-    ]
-    lines += [
-        f"| {model} | {parts['against_zivid_mae_mm']:.2f} mm | {parts['against_exact_mae_mm']:.2f} mm |"
-        for model, parts in budget["models"].items()
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _ranged(metrics: DepthMetrics, interval: MetricsInterval, name: str, digits: str) -> str:
-    value, low, high = (getattr(part, name) for part in (metrics, interval.low, interval.high))
-    if math.isnan(value):
-        return "-"
-    return f"{value:{digits}}" if math.isnan(low) else f"{value:{digits}} ({low:{digits}} to {high:{digits}})"
+def _known(value: float) -> float | None:
+    """Return a number, or None for NaN, which neither JSON nor a spreadsheet knows."""
+    return None if math.isnan(value) else value
 
 
 def _with_interval(prefix: str, metrics: DepthMetrics, interval: MetricsInterval) -> dict[str, object]:

@@ -118,3 +118,48 @@ def test_one_group_has_no_interval():
 def test_impossible_bootstrap_is_refused(change):
     with pytest.raises(InvalidValueError):
         bootstrap_interval(group_sums([1.0, 2.0]), np.random.default_rng(0), **change)
+
+
+def test_further_measures_of_four_pixels_are_as_computed_by_hand():
+    truth = np.array([[100.0, 100.0], [50.0, 80.0]], np.float32)
+    estimate = np.array([[101.5, 70.0], [50.5, 104.0]], np.float32)
+    metrics = depth_metrics(estimate, truth, np.ones((2, 2), bool))
+    assert metrics.sq_rel_mm == pytest.approx((2.25 / 100 + 900 / 100 + 0.25 / 50 + 576 / 80) / 4)
+    # Ratios 1.015, 1.429, 1.01, 1.3.
+    assert (metrics.acc_1_25, metrics.acc_1_331, metrics.acc_1_5625, metrics.acc_1_953) == (0.5, 0.75, 1.0, 1.0)
+    assert (metrics.beyond_1mm, metrics.beyond_2mm, metrics.beyond_3mm) == (0.75, 0.5, 0.5)
+    assert math.isnan(metrics.slips_per_1000)
+    assert math.isnan(metrics.normal_deg)
+
+
+def test_slips_are_claims_far_off_or_outside_of_the_range():
+    truth = np.array([[100.0, 100.0, 59.0, 141.0, 100.0, np.nan]], np.float32)
+    estimate = np.array([[109.0, 111.0, 59.0, 140.0, 50.0, 90.0]], np.float32)
+    valid = np.array([[True, True, True, True, False, True]])
+    errors = DepthErrors()
+    errors.add_slips(estimate, truth, valid, (60.0, 140.0))
+    assert errors.metrics().slips_per_1000 == pytest.approx(750.0)
+
+
+def test_expected_shares_are_those_of_normal_draws():
+    rng = np.random.default_rng(1)
+    truth, sigma = np.full((600, 600), 100.0, np.float32), np.full((600, 600), 12.0)
+    drawn, expected = DepthErrors(), DepthErrors()
+    everywhere = np.ones(truth.shape, bool)
+    drawn.add((truth + rng.normal(0.0, sigma)).astype(np.float32), truth, everywhere)
+    expected.add_expected(sigma, truth, everywhere)
+    found, wanted = drawn.metrics(), expected.metrics()
+    for name in ("sq_rel_mm", "acc_1_331", "acc_1_25", "acc_1_5625", "beyond_1mm", "beyond_2mm", "beyond_3mm"):
+        assert getattr(found, name) == pytest.approx(getattr(wanted, name), rel=0.02), name
+    assert math.isnan(wanted.normal_deg)
+
+
+def test_a_measure_that_few_groups_have_is_bootstrapped_over_the_draws_that_hold_it():
+    sums = group_sums([1.0, 3.0, 5.0])
+    errors = DepthErrors(sums=sums[0].copy())
+    truth, everywhere = np.full((1, 10), 100.0, np.float32), np.ones((1, 10), bool)
+    errors.add_slips(truth + np.float32(30.0), truth, everywhere, (60.0, 140.0))
+    interval = bootstrap_interval(np.array([errors.sums, *sums[1:]]), np.random.default_rng(0))
+    assert (interval.low.slips_per_1000, interval.high.slips_per_1000) == (1000.0, 1000.0)
+    assert interval.low.mae_mm < interval.high.mae_mm
+    assert math.isnan(interval.low.normal_deg)

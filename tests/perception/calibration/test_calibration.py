@@ -330,7 +330,7 @@ def whole_record(stereo):
     hand_eye = HandEyeCalibration(
         flange_from_camera=pose((0.0, 1.0, 0.0), (-0.0025, 0.0, 0.42)), world_from_board=np.eye(4), view_errors_px=(0.1,) * 5
     )
-    return CalibrationRecord(stereo=stereo, projector=projector, hand_eye=hand_eye)
+    return CalibrationRecord(scope=stereo.scope, stereo=stereo, projector=projector, hand_eye=hand_eye)
 
 
 def test_file_keeps_projector_and_hand_eye_where_there_are_any(stereo, tmp_path):

@@ -134,7 +134,7 @@ def test_what_is_no_data_set_is_said_to_be_none(tmp_path):
     zarr.create_group(tmp_path / "old", zarr_format=2)
     zarr.create_array(tmp_path / "array", shape=(3,), dtype="uint8")
     expected = {
-        "file": "is a file; allowed: a folder that `laploop synthesize` or `laploop collect` wrote",
+        "file": "is a file; allowed: a folder that `laploop synthesize`, `laploop collect` or `laploop import-pairs` wrote",
         "empty": "data set not found",
         "nowhere": "data set not found",
         "old": "data set not found",

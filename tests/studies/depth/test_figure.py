@@ -29,6 +29,9 @@ def row_of(model, distance, error_mm):
         every_interval=interval,
         valid=metrics_of(0.5 * error_mm),
         valid_interval=interval,
+        lit_fraction=0.8,
+        lit=metrics_of(error_mm),
+        lit_interval=interval,
     )
 
 

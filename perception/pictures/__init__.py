@@ -1,0 +1,1 @@
+"""Pictures of one's own camera: read, undistorted, turned into depth, written."""
