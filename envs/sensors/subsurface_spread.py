@@ -73,7 +73,10 @@ class SubsurfaceSpread:
     ) -> list[list[list[Any]]]:
         """Record one Gaussian on top of a source that is as smooth as a standard deviation in metres."""
         stages = []
-        for along_x, focal, before, after in ((True, self._camera.fx, source, self._half), (False, self._camera.fy, self._half, target)):
+        for along_x, focal, before, after in (
+            (True, self._camera.fx, source, self._half),
+            (False, self._camera.fy, self._half, target),
+        ):
             stride = max(1, int(smooth * focal / _FARTHEST_M))
             reach = _END_SIGMAS * widest * focal / stride * self._oblique
             inputs = [gaussians, reach, stride, along_x, self._pixels, object_id, self._layer, self._distance, before]

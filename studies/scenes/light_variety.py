@@ -25,9 +25,7 @@ def draw_subsurface(fwhm_m: Span[float], rng: np.random.Generator) -> Subsurface
     if kind < _NONE:
         return Subsurface()
     if kind < _NONE + _DIPOLE:
-        return Subsurface(
-            profile="dipole", reduced_scattering_per_m=float(scattering), absorption_per_m=float(absorption)
-        )
+        return Subsurface(profile="dipole", reduced_scattering_per_m=float(scattering), absorption_per_m=float(absorption))
     return Subsurface(profile="gaussian", fwhm_m=width)
 
 

@@ -114,8 +114,8 @@ def _render_height_field(config: TrainingFramesConfig, store: FrameStore, tissue
             _place_tool(config, scene, camera, pose, rng)
         optics = draw_optics(config.ranges, pose.working_distance_m, rng)
         if config.varied_light > 0.0 and rng.random() < config.varied_light:
-            tissue = replace(optics.tissue, subsurface=draw_subsurface(config.ranges.subsurface_fwhm_m, rng))
-            optics = replace(optics, tissue=tissue, response=draw_response(rng))
+            surface = replace(optics.tissue, subsurface=draw_subsurface(config.ranges.subsurface_fwhm_m, rng))
+            optics = replace(optics, tissue=surface, response=draw_response(rng))
         camera.set_optics(optics)
         write_frame(config, store, index, camera, scene.data, pose, rng)
 

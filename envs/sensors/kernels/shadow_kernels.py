@@ -5,7 +5,7 @@ projector's depth map say which, and these alone follow rays.
 """
 
 # mypy: ignore-errors
-# ruff: noqa: ANN201, ANN202, ARG001
+# ruff: noqa: ANN201, ANN202
 # Kernels are written in Warp's language, whose types and casts are not Python's.
 
 import warp as wp
@@ -41,7 +41,6 @@ return found;
 """)
 def _has_step(low: int, high: int, offset: int, least: float, keys: wp.array(dtype=wp.uint64)) -> int:
     """Whether inverse depths of pixels from `low` to before `high` and of those at an offset differ by more than `least`."""
-    ...
 
 
 @wp.func
@@ -147,8 +146,8 @@ def follow_penumbra(
         if visible[i] < 0.0:
             point = depth[i] * wp.vec3(rays[i][0], rays[i][1], 1.0)
             from_projector = point - projector.centre
-            total = float(0.0)
-            arrived = float(0.0)
+            total = 0.0
+            arrived = 0.0
             if wp.dot(normal[i], from_projector) < 0.0:
                 way = point[0] * pose[1] + point[1] * pose[2] + point[2] * pose[3] + (pose[0] - pose[4])
                 x_c = projector.rotation[0]

@@ -43,7 +43,6 @@ def _add_two(
     target: wp.array(dtype=wp.float32),
 ):
     """Add what two neighbours, at offsets `one` and `other`, hold to the pixels from `low` to before `high`."""
-    ...
 
 
 @wp.func
@@ -78,10 +77,14 @@ def spread_along_rows(
             low = wp.clamp(k, x0, x1)
             high = wp.clamp(width - k, low, x1)
             for x in range(x0, low):
-                _add_two(row + x, row + x + 1, _mirrored(x - k, width) - x, _mirrored(x + k, width) - x, weights[k], source, target)
+                _add_two(
+                    row + x, row + x + 1, _mirrored(x - k, width) - x, _mirrored(x + k, width) - x, weights[k], source, target
+                )
             _add_two(row + low, row + high, -k, k, weights[k], source, target)
             for x in range(high, x1):
-                _add_two(row + x, row + x + 1, _mirrored(x - k, width) - x, _mirrored(x + k, width) - x, weights[k], source, target)
+                _add_two(
+                    row + x, row + x + 1, _mirrored(x - k, width) - x, _mirrored(x + k, width) - x, weights[k], source, target
+                )
 
 
 @wp.kernel
@@ -146,7 +149,6 @@ return most;
 """)
 def _most_taps(low: int, high: int, reach: float, distance: wp.array(dtype=wp.float32)) -> int:
     """Largest quotient of `reach` and a distance, rounded down."""
-    ...
 
 
 @wp.func_native("""
@@ -193,7 +195,6 @@ def _add_neighbour(
     (dz u' + z shift, dz v, dz) with u' = u + shift. The weight is (1 - distance² / (11 sigma²))^4: a Gaussian's variance and,
     to 1 %, its transfer of what the stripes contain, but with an end and without an exponential.
     """
-    ...
 
 
 @wp.kernel
