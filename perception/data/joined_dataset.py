@@ -37,11 +37,6 @@ class JoinedDataset(DepthDataset):
         """Return which frames are whole."""
         return np.concatenate([part.done() for part in self._parts])
 
-    def indices(self, split: str) -> NDArray[np.intp]:
-        """Return the frames of a split that are done; every data set must have one."""
-        starts = self._starts[:-1]
-        return np.concatenate([start + part.indices(split) for start, part in zip(starts, self._parts, strict=True)])
-
     def read(self, name: str, index: int) -> NDArray[Any]:
         """Read one array of a frame; see `DepthDataset`."""
         part, within = self._find(index)
