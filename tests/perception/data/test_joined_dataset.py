@@ -63,10 +63,11 @@ def test_nothing_to_join_and_frames_that_are_not_there_are_refused(parts):
         JoinedDataset(parts).image(5)
 
 
-def test_part_without_a_split_is_named(parts, tmp_path):
+def test_split_may_come_from_one_part_but_not_from_none(parts, tmp_path):
     only_train = _store(tmp_path / "c", OPTICS, [0], 0)
+    assert JoinedDataset([*parts, only_train]).indices("val").tolist() == [2, 4]
     with pytest.raises(InvalidValueError, match=r"'val'.*c"):
-        JoinedDataset([*parts, only_train]).indices("val")
+        JoinedDataset([only_train]).indices("val")
 
 
 class _Referenced(JoinedDataset, ReferencedDataset):
