@@ -19,6 +19,7 @@ LARGE_TOOL_FRACTION = 0.30
 """Smallest fraction of the view covered by an instrument that counts as large."""
 
 _TRIES = 40
+_LEAST_ELECTRONS = 0.05
 _LARGE_TOOL_TILT_RAD = (math.radians(50.0), math.radians(80.0))
 _LARGE_TOOL_DEPTH_M = (0.016, 0.032)
 _LARGE_TOOL_BEYOND = (0.1, 0.6)
@@ -69,8 +70,8 @@ def ill_exposure(electrons: NDArray[np.float32], optics: StripeOptics, fraction:
 
     `electrons` are those expected of every pixel with `optics`, proportional to the power.
     """
-    signal = electrons / optics.full_well_electrons
-    grey, place = (SATURATED_GREY, 1.0 - fraction) if saturated else (DARK_GREY, fraction)
-    factor = optics.response.signal(grey / 255.0) / max(float(np.quantile(signal, place)), 1e-5)
+    grey, quantile = (SATURATED_GREY, 1.0 - fraction) if saturated else (DARK_GREY, fraction)
+    wanted = optics.response.signal(grey / 255.0) * optics.full_well_electrons
+    factor = wanted / max(float(np.quantile(electrons, quantile)), _LEAST_ELECTRONS)
     power = min(10.0, optics.led_power_w * factor)
     return replace(optics, led_power_w=power)

@@ -61,10 +61,14 @@ def spread_along_rows(
     run: int,
     source: wp.array(dtype=wp.float32),
     weights: wp.array(dtype=wp.float32),
+    counts: wp.array(dtype=wp.int32),
     width: int,
     target: wp.array(dtype=wp.float32),
 ):
-    """Blur an image along x with one half of a symmetric filter; mirrored at the borders, it loses no electron."""
+    """Blur an image along x with one half of a symmetric filter, the first `counts[0]` weights.
+
+    Mirrored at the borders, it loses no electron.
+    """
     start = first + wp.tid() * run
     stop = wp.min(start + run, last)
     for i in range(start, stop):
@@ -73,18 +77,18 @@ def spread_along_rows(
         row = y * width
         x0 = wp.max(start - row, 0)
         x1 = wp.min(stop - row, width)
-        for k in range(1, weights.shape[0]):
+        for k in range(1, counts[0]):
             low = wp.clamp(k, x0, x1)
             high = wp.clamp(width - k, low, x1)
             for x in range(x0, low):
-                _add_two(
-                    row + x, row + x + 1, _mirrored(x - k, width) - x, _mirrored(x + k, width) - x, weights[k], source, target
-                )
+                one = _mirrored(x - k, width) - x
+                other = _mirrored(x + k, width) - x
+                _add_two(row + x, row + x + 1, one, other, weights[k], source, target)
             _add_two(row + low, row + high, -k, k, weights[k], source, target)
             for x in range(high, x1):
-                _add_two(
-                    row + x, row + x + 1, _mirrored(x - k, width) - x, _mirrored(x + k, width) - x, weights[k], source, target
-                )
+                one = _mirrored(x - k, width) - x
+                other = _mirrored(x + k, width) - x
+                _add_two(row + x, row + x + 1, one, other, weights[k], source, target)
 
 
 @wp.kernel
@@ -94,6 +98,7 @@ def spread_along_columns(
     run: int,
     source: wp.array(dtype=wp.float32),
     weights: wp.array(dtype=wp.float32),
+    counts: wp.array(dtype=wp.int32),
     width: int,
     height: int,
     target: wp.array(dtype=wp.float32),
@@ -106,7 +111,7 @@ def spread_along_columns(
     for y in range(start // width, (stop + width - 1) // width):
         low = wp.max(start, y * width)
         high = wp.min(stop, (y + 1) * width)
-        for k in range(1, weights.shape[0]):
+        for k in range(1, counts[0]):
             above = (_mirrored(y - k, height) - y) * width
             below = (_mirrored(y + k, height) - y) * width
             _add_two(low, high, above, below, weights[k], source, target)
@@ -141,6 +146,7 @@ def find_layers(
 
 @wp.func_native("""
 int most = 0;
+#pragma clang loop vectorize(assume_safety)
 for (int i = low; i < high; ++i) {
     const int taps = (int)(reach / distance.data[i]);
     most = taps > most ? taps : most;
@@ -158,15 +164,19 @@ const float* __restrict z = distance.data;
 const float* __restrict s = scale.data;
 float* __restrict to = target.data;
 float* __restrict sum = total.data;
+#pragma clang loop vectorize(assume_safety)
 for (int i = low; i < high; ++i) {
     const float k = (float)(i - low);
-    const float u = u0 + k * u_step;
-    const float v = v0 + k * v_step;
+    const float u = along[0] + k * along[1];
+    const float v = aside[0] + k * aside[1];
     const float dz = lay[i + offset] - lay[i];
     const float du = dz * u + z[i] * shift;
     const float dv = dz * v;
     float w = 1.0f - s[i] * (du * du + dv * dv + dz * dz);
-    w = w > 0.0f ? w : 0.0f;
+    w = w > 0.82f ? w : 0.0f;
+    w *= w;
+    w *= w;
+    w *= w;
     w *= w;
     w *= w;
     to[i] += w * from[i + offset];
@@ -178,10 +188,8 @@ def _add_neighbour(
     high: int,
     offset: int,
     shift: float,
-    u0: float,
-    u_step: float,
-    v0: float,
-    v_step: float,
+    along: wp.vec2,
+    aside: wp.vec2,
     layer: wp.array(dtype=wp.float32),
     distance: wp.array(dtype=wp.float32),
     scale: wp.array(dtype=wp.float32),
@@ -191,9 +199,9 @@ def _add_neighbour(
 ):
     """Add one neighbour's light to the pixels of a row from `low` to before `high`, and its weight to the total.
 
-    Pixel and neighbour are (u, v, 1) z and (u + shift, v, 1) (z + dz): their distance squared is that of
-    (dz u' + z shift, dz v, dz) with u' = u + shift. The weight is (1 - distance² / (11 sigma²))^4: a Gaussian's variance and,
-    to 1 %, its transfer of what the stripes contain, but with an end and without an exponential.
+    Pixel and neighbour are (u - shift, v, 1) z and (u, v, 1) (z + dz), which are (dz u + z shift, dz v, dz) apart; `along` and
+    `aside` are u and v at `low` and their steps. The weight is (1 - distance² / (67 sigma²))^32, which has the Gaussian's
+    variance and all but its shape; it is cut off after 3.5 sigma, where 1 - distance² / (67 sigma²) is 0.82.
     """
 
 
@@ -202,10 +210,10 @@ def diffuse(
     first: int,
     last: int,
     run: int,
-    gaussians: wp.array(dtype=wp.vec2),
-    reach: float,
-    stride: int,
-    along_x: bool,
+    number: int,
+    gaussians: wp.array2d(dtype=wp.vec2),
+    spreads: wp.array2d(dtype=wp.vec2),
+    axis: int,
     pixels: Pixels,
     object_id: wp.array(dtype=wp.uint8),
     layer: wp.array(dtype=wp.float32),
@@ -215,21 +223,20 @@ def diffuse(
     total: wp.array(dtype=wp.float32),
     target: wp.array(dtype=wp.float32),
 ):
-    """Spread irradiance along one axis of the image by the distance on the surface, with weights that add up to 1.
+    """Spread irradiance along x (`axis` 0) or y (1) by the distance on the surface, with weights that add up to 1.
 
-    Args:
-        gaussians: Weight and standard deviation in metres of each object class.
-        reach: Distance, in metres at the depth of 1 m, times pixels per stride, at which the widest ends.
-        stride: Pixels between neighbours; several where the source is smooth.
-        scale: Scratch.
-        total: Scratch.
+    `gaussians[number]` has weight and standard deviation in metres of each object class. `spreads[number]` says along each axis
+    where the widest material's weights end, as distance over depth in steps of a stride, and that stride in pixels, which is
+    several where the source is smooth. `scale` and `total` are scratch.
     """
+    spread = spreads[number, axis]
+    stride = int(spread[1])
     start = first + wp.tid() * run
     stop = wp.min(start + run, last)
-    taps = _most_taps(start, stop, reach, distance)
+    taps = _most_taps(start, stop, spread[0], distance)
     for i in range(start, stop):
-        sigma = gaussians[int(object_id[i])][1]
-        scale[i] = wp.where(sigma > 0.0, 1.0 / (11.0 * sigma * sigma), _NO_SPREAD)
+        sigma = gaussians[number, int(object_id[i])][1]
+        scale[i] = wp.where(sigma > 0.0, 1.0 / (67.0 * sigma * sigma), _NO_SPREAD)
         target[i] = source[i]
         total[i] = 1.0
     width = pixels.width
@@ -241,21 +248,22 @@ def diffuse(
         for k in range(2 * taps):
             # 1, -1, 2, -2, ...
             d = stride * (k // 2 + 1) * (1 - 2 * (k % 2))
-            if along_x:
+            low = int(x0)
+            high = int(x1)
+            offset = int(d)
+            if axis == 0:
                 low = wp.clamp(-d, x0, x1)
                 high = wp.clamp(width - d, low, x1)
-                shift = float(d) * pixels.step[0]
-                u = pixels.start[0] + float(low) * pixels.step[0] + shift
-                _add_neighbour(
-                    row + low, row + high, d, shift, u, pixels.step[0], v, 0.0, layer, distance, scale, source, target, total
-                )
-            elif y + d >= 0 and y + d < pixels.height:
-                shift = float(d) * pixels.step[1]
-                u = pixels.start[0] + float(x0) * pixels.step[0]
-                _add_neighbour(
-                    row + x0, row + x1, d * width, shift, v + shift, 0.0, u, pixels.step[0], layer, distance, scale, source, target,
-                    total,
-                )  # fmt: skip
+            else:
+                offset = d * width
+                if y + d < 0 or y + d >= pixels.height:
+                    high = low
+            shift = float(d) * pixels.step[axis]
+            across = wp.vec2(pixels.start[0] + float(low) * pixels.step[0], pixels.step[0])
+            down = wp.vec2(v, 0.0)
+            along = wp.where(axis == 0, across, down) + wp.vec2(shift, 0.0)
+            aside = wp.where(axis == 0, down, across)
+            _add_neighbour(row + low, row + high, offset, shift, along, aside, layer, distance, scale, source, target, total)
     for i in range(start, stop):
         target[i] = target[i] / total[i]
 
@@ -265,7 +273,8 @@ def add_spread(
     first: int,
     last: int,
     run: int,
-    gaussians: wp.array(dtype=wp.vec2),
+    number: int,
+    gaussians: wp.array2d(dtype=wp.vec2),
     object_id: wp.array(dtype=wp.uint8),
     irradiance: wp.array(dtype=wp.float32),
     left: wp.array(dtype=wp.float32),
@@ -273,4 +282,4 @@ def add_spread(
     """Add the light that one Gaussian of each object class has spread, by its weight."""
     start = first + wp.tid() * run
     for i in range(start, wp.min(start + run, last)):
-        left[i] += gaussians[int(object_id[i])][0] * irradiance[i]
+        left[i] += gaussians[number, int(object_id[i])][0] * irradiance[i]

@@ -47,7 +47,7 @@ class MaskStack:
             sharp = _wandering_stripes(mask, edges)
         else:
             sharp = _picture(mask.half_width_tan, decode_pattern(mask.pattern), edges)
-        along_x, along_y = (2.0 * math.pi * f(_SIDE, step) for f in (np.fft.rfftfreq, np.fft.fftfreq))
+        along_x, along_y = (2.0 * math.pi * f(_SIDE, step).astype(np.float64) for f in (np.fft.rfftfreq, np.fft.fftfreq))
         roughness = np.exp(-0.5 * (mask.edge_roughness * mask.period_tan * along_x) ** 2)
         spectrum = (fft.rfft2(sharp) * roughness).astype(np.complex64)
         spectrum.flags.writeable = False

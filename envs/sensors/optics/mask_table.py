@@ -55,7 +55,7 @@ class MaskTable:
         borders, integral = _stripes(mask) if mask.profile is None else _steps(half, np.array(mask.profile))
         sharp = np.diff(np.interp(edges, borders, integral)) / step
         length = fft.next_fast_len(columns, real=True)
-        frequencies = 2.0 * np.pi * np.fft.rfftfreq(length, step)
+        frequencies: Array = 2.0 * np.pi * np.fft.rfftfreq(length, step).astype(np.float64)
         roughness = np.exp(-0.5 * (mask.edge_roughness * mask.period_tan * frequencies) ** 2)
         spectrum = (fft.rfft(sharp, n=length) * roughness).astype(np.complex64)
         spectrum.flags.writeable = frequencies.flags.writeable = False
@@ -75,7 +75,8 @@ class MaskTable:
         length = fft.next_fast_len(self.columns, real=True)
         table = fft.irfft(spectra, n=length, axis=1)[:, : self.columns]
         # The transfer function of a narrow disk is cut off at the grid's limit, which leaves ripples around 0 and 1.
-        return np.clip(table, 0.0, 1.0).astype(np.float32, copy=False)
+        transmission: Float32 = np.clip(table, 0.0, 1.0).astype(np.float32, copy=False)
+        return transmission
 
 
 @functools.lru_cache(maxsize=4)

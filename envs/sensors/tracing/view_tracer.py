@@ -64,9 +64,8 @@ class ViewTracer:
         rays: Device array, tangent coordinates of the rays.
         projector: The `Projector` of the kernels.
         outputs: Device arrays, an entry a pixel, that `trace` writes: depth, normal, tangent, flags, object id, albedo factor.
-        pose: Device array, the pose of `ray_kernels`.
         projector_keys: Device array, the projector's depth map.
-        mesh: Number of the tree of the scene that is looked at; 0 before there is one.
+        in_projector, corners: Device arrays, vertices in the projector's frame and triangles of the scene that is looked at.
     """
 
     def __init__(self, rig: Rig, device: Any, runner: StripRunner) -> None:
@@ -78,7 +77,7 @@ class ViewTracer:
         count = camera.height * camera.width
         directions = camera.rays[..., :2].reshape(-1, 2).astype(np.float32)
         self.rays: Any = wp.array(directions, dtype=wp.vec2, device=device)
-        self.pose: Any = wp.zeros(5, dtype=wp.vec3, device=device)
+        self._pose: Any = wp.zeros(5, dtype=wp.vec3, device=device)
         self._camera_view = _view(self._shape, (camera.fx, camera.fy), (camera.cx, camera.cy))
         half_tan = rig.mask.half_width_tan + _PROJECTOR_MARGIN_TAN
         half = min(math.ceil(half_tan * camera.fx), _LARGEST_HALF_MAP)
@@ -90,7 +89,8 @@ class ViewTracer:
         self.projector_keys: Any = wp.zeros(4 * half * half, dtype=wp.uint64, device=device)
         kinds = (wp.float32, wp.vec3, wp.vec2, wp.uint8, wp.uint8, wp.float32)
         self.outputs: list[Any] = [wp.zeros(count, dtype=kind, device=device) for kind in kinds]
-        self.mesh: int = 0
+        self.in_projector: Any = None
+        self.corners: Any = None
         self._pinhole = True
         self._walk: list[Any] = []
         self._to_views: Any = None
@@ -120,12 +120,12 @@ class ViewTracer:
         self._to_views = wp.launch(
             zbuffer_kernels.to_views,
             dim=count,
-            inputs=[scene.points, self.pose, self._camera_view, self.projector],
+            inputs=[scene.points, self._pose, self._camera_view, self.projector],
             outputs=[in_camera, on_camera, in_projector, on_projector],
             device=device,
             record_cmd=True,
         )
-        self.mesh = scene.mesh.id
+        self.in_projector, self.corners = in_projector, scene.corners
         corners = scene.corners
         normals = wp.zeros(count, dtype=wp.vec3, device=device)
         self._to_normals = scene.record_normals(in_camera, normals)
@@ -135,14 +135,14 @@ class ViewTracer:
         )
         # The last entry stands for what is not hit.
         self._object_ids = np.append(scene.geometry.object_ids, np.uint8(ObjectId.BACKGROUND))
-        inputs = [scene.mesh.id, self.pose, self.rays, in_camera, scene.corners]
+        inputs = [scene.mesh.id, self._pose, self.rays, in_camera, scene.corners]
         self._walk = self.record(ray_kernels.trace_keys, inputs, [self._camera_keys])
         inputs = [self.rays, self._camera_keys, self.projector_keys, self.projector]
         inputs += [corners, in_camera, normals, scene.albedo_factor, scene.object_ids]
         depth, _, _, flags, _, _ = self.outputs
         self.trace = [
             self.record(ray_kernels.trace, inputs, self.outputs),
-            self.record(ray_kernels.settle, [scene.mesh.id, self.pose, self.rays, depth], [flags]),
+            self.record(ray_kernels.settle, [scene.mesh.id, self._pose, self.rays, depth], [flags]),
         ]
 
     def record(self, kernel: Any, inputs: list[Any], outputs: list[Any]) -> list[Any]:
@@ -165,7 +165,7 @@ class ViewTracer:
         rotation, centre = world_from_camera[:3, :3], world_from_camera[:3, 3]
         rows = np.empty((5, 3), dtype=np.float32)
         rows[0], rows[1:4], rows[4] = centre, rotation.T, rotation @ self._projector_in_camera + centre
-        self.pose.assign(rows)
+        self._pose.assign(rows)
 
     def find_camera_surfaces(self) -> None:
         """Find the triangles behind the pixels of the camera."""

@@ -94,8 +94,7 @@ def test_training_frames_draw_what_the_shipped_weights_saw():
 
 
 @pytest.mark.parametrize(
-    ("field", "span"),
-    [("light", (2.0, 1.0)), ("light", (0.0, 1.0)), ("tissue_albedo", (0.3, 1.2)), ("cavity_fraction", (0.1,))],
+    ("field", "span"), [("light", (2.0, 1.0)), ("light", (0.0, 1.0)), ("tissue_albedo", (0.3, 1.2)), ("glare_fraction", (0.1,))]
 )
 def test_empty_and_impossible_ranges_are_refused_by_name(field, span):
     with pytest.raises(InvalidValueError, match=field):

@@ -5,7 +5,7 @@ import warp as wp
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
-from laploop.envs.sensors.kernels import ray_kernels, shading_kernels, zbuffer_kernels
+from laploop.envs.sensors.kernels import ray_kernels, shading_kernels, shadow_kernels, spread_kernels, zbuffer_kernels
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
@@ -298,9 +298,9 @@ def test_results_do_not_change_when_the_next_image_is_taken(camera, make_plane):
 
 
 def test_kernels_compile_for_cuda(tmp_path):
-    for module in (ray_kernels, shading_kernels, zbuffer_kernels):
+    for module in (ray_kernels, shading_kernels, shadow_kernels, spread_kernels, zbuffer_kernels):
         wp.compile_aot_module(module, arch=80, module_dir=tmp_path, use_ptx=True)
-    assert len(list(tmp_path.glob("*.ptx"))) == 3
+    assert len(list(tmp_path.glob("*.ptx"))) == 5
 
 
 def test_bad_input_is_refused(rig, make_plane):
