@@ -143,4 +143,4 @@ def _fall_px(profile: Array) -> float:
         i - 1.0 + (left[int(i) - 1] - level) / (left[int(i) - 1] - left[int(i)])
         for i, level in zip(below, (0.9, 0.1), strict=True)
     ]
-    return ends[1] - ends[0]
+    return float(ends[1] - ends[0])

@@ -204,6 +204,14 @@ def _is_narrow(triangle: wp.vec3i, view: View, vertices: wp.array(dtype=wp.vec3)
 
 
 @wp.func
+def _holds(recent: Recent, number: int):
+    found = bool(False)
+    for k in range(8):
+        found = found or recent[k] == number
+    return found
+
+
+@wp.func
 def _blocked(
     point: wp.vec3,
     tangent: wp.vec2,
@@ -237,10 +245,7 @@ def _blocked(
             away = wp.max(wp.max(wp.abs(float(u) - x), wp.abs(float(v) - y)) - 1.0, 0.0)
             if blocked != _ALL and scale * (_inverse_depth(key) - inverse_z) > away:
                 face = int(wp.uint32(key & _LOWER_HALF))
-                known = bool(False)
-                for k in range(8):
-                    known = known or recent[k] == face
-                if not known:
+                if not _holds(recent, face):
                     recent[slot] = face
                     slot = (slot + 1) % 8
                     triangle = wp.vec3i(corners[3 * face], corners[3 * face + 1], corners[3 * face + 2])
@@ -248,10 +253,7 @@ def _blocked(
                     if _is_narrow(triangle, view, vertices):
                         for corner in range(3):
                             vertex = triangle[corner]
-                            looked = bool(False)
-                            for k in range(8):
-                                looked = looked or around[k] == vertex
-                            if not looked:
+                            if not _holds(around, vertex):
                                 around[place] = vertex
                                 place = (place + 1) % 8
                                 for k in range(offsets[vertex], offsets[vertex + 1]):
