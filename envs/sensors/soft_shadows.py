@@ -10,7 +10,7 @@ from laploop.arrays import Array
 from laploop.envs.sensors.kernels import shadow_kernels
 from laploop.envs.sensors.optics.device_optics import DeviceOptics
 from laploop.envs.sensors.tracing.strip_runner import launch_run
-from laploop.envs.sensors.tracing.view_tracer import ViewTracer
+from laploop.envs.sensors.tracing.view_tracer import RayScene, ViewTracer
 
 _RAYS = 32
 
@@ -51,14 +51,14 @@ class SoftShadows:
         self._borders.zero_()
         self._mark.launch()
 
-    def record(self) -> list[list[Any]]:
-        """Record the launches for the scene that the tracer looks at; they follow those of `ViewTracer.trace`."""
+    def record(self, scene: RayScene) -> list[list[Any]]:
+        """Record the launches for the scene that the tracer has been attached to; they follow those of `ViewTracer.trace`."""
         tracer, optics = self._tracer, self._optics
         depth, normal, tangent, flags, _, _ = tracer.outputs
         inputs = [depth, tracer.rays, tangent, flags, tracer.projector, optics.projection, self._borders]
         stages = [tracer.record(shadow_kernels.find_penumbra, inputs, [self.visible])]
         inputs = [tracer.rays, depth, normal, tangent, tracer.projector_keys, self._borders]
-        inputs += [tracer.in_projector, tracer.corners, tracer.projector, self._disk]
+        inputs += [tracer.in_projector, scene.corners, scene.offsets, scene.pairs, tracer.projector, self._disk]
         inputs += [optics.table, optics.stack, optics.projection]
         return [*stages, tracer.record(shadow_kernels.settle_penumbra, inputs, [self.visible])]
 

@@ -143,7 +143,7 @@ class StripeCamera(RayCamera):
         inputs += [optics.table, optics.stack, optics.projection]
         inputs += [_flat(tracer.rays), _flat(normal), object_id, factor, optics.materials]
         shade = tracer.record(shading_kernels.shade, inputs, [self._irradiance, self._albedo, self._gloss])
-        return [*self._shadows.record(), shade]
+        return [*self._shadows.record(self._attached()), shade]
 
     def _record_cavity(self) -> list[Any]:
         """Record the launches that find the cavity's irradiance: by rows, so that threads do not matter."""

@@ -1,8 +1,8 @@
 """Reads the stripes' phase and its order from the image alone: all of `compact`, and the first part of `ssle-phase`.
 
-A U-Net behind the fixed front end (`PhaseFrontEnd`) predicts for every pixel a correction of the wrapped phase, a coarse depth
-that picks the stripe order where the working range leaves a choice, a gate between phase and coarse depth, a scale of the error,
-and whether the depth is a slip.
+A U-Net behind the fixed front end (`PhaseFrontEnd`) predicts for every pixel a correction of the wrapped phase, a coarse
+depth that picks the stripe order where the working range leaves a choice, a gate between phase and coarse depth, a scale of
+the error, and whether the depth is a slip.
 
 All inputs and outputs of the learned part are in units that mean the same on every rig: turns of phase, or depth relative to
 90 mm.

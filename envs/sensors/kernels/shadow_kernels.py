@@ -6,7 +6,7 @@ shows around the point. A walk through the scene's tree would take ten times as 
 """
 
 # mypy: ignore-errors
-# ruff: noqa: ANN201, ANN202, C901, RUF046, UP018
+# ruff: noqa: ANN201, ANN202, RUF046, UP018
 # Kernels are written in Warp's language, whose types and casts are not Python's.
 
 import warp as wp
@@ -25,7 +25,8 @@ _LOWER_HALF = wp.constant(wp.uint64(0xFFFFFFFF))
 _ALL = wp.constant(wp.uint32(0xFFFFFFFF))
 """A bit for each point of the aperture."""
 Recent = wp.types.vector(length=8, dtype=wp.int32)
-"""Triangles that were the last to be looked at."""
+"""Triangles or vertices that were the last to be looked at."""
+_NARROW_PX = wp.constant(1.5)
 _NARROWEST_PX = wp.constant(0.3)
 """Half width of a penumbra on the projector's depth map, below which it counts as sharp."""
 
@@ -175,6 +176,42 @@ def _side(a: wp.vec3, b: wp.vec3, point: wp.vec3):
 
 
 @wp.func
+def _covered_by(
+    triangle: wp.vec3i, point: wp.vec3, radius: float, vertices: wp.array(dtype=wp.vec3), disk: wp.array(dtype=wp.float32)
+):
+    """Bits of the aperture's points that a triangle keeps from a point."""
+    a = vertices[triangle[0]] - point
+    b = vertices[triangle[1]] - point
+    c = vertices[triangle[2]] - point
+    height = wp.dot(a, wp.cross(b, c))
+    return _covered(_side(a, b, point), _side(b, c, point), _side(c, a, point), height, radius, disk)
+
+
+@wp.func
+def _is_narrow(triangle: wp.vec3i, view: View, vertices: wp.array(dtype=wp.vec3)):
+    """Whether a triangle is narrower on the map than what surely holds a pixel's centre."""
+    a = vertices[triangle[0]]
+    b = vertices[triangle[1]]
+    c = vertices[triangle[2]]
+    # Behind the projector nothing is narrow: such triangles are large.
+    if wp.min(a[2], wp.min(b[2], c[2])) <= 0.0:
+        return False
+    origin = wp.vec2(a[0], a[1]) / a[2]
+    p = wp.vec2(b[0], b[1]) / b[2] - origin
+    q = wp.vec2(c[0], c[1]) / c[2] - origin
+    longest = wp.sqrt(wp.max(wp.length_sq(p), wp.max(wp.length_sq(q), wp.length_sq(q - p))))
+    return wp.abs(p[0] * q[1] - p[1] * q[0]) * view.focal[0] < _NARROW_PX * longest
+
+
+@wp.func
+def _holds(recent: Recent, number: int):
+    found = bool(False)
+    for k in range(8):
+        found = found or recent[k] == number
+    return found
+
+
+@wp.func
 def _blocked(
     point: wp.vec3,
     tangent: wp.vec2,
@@ -184,9 +221,14 @@ def _blocked(
     keys: wp.array(dtype=wp.uint64),
     vertices: wp.array(dtype=wp.vec3),
     corners: wp.array(dtype=wp.int32),
+    offsets: wp.array(dtype=wp.int32),
+    pairs: wp.array(dtype=wp.vec2i),
     disk: wp.array(dtype=wp.float32),
 ):
-    """Bits of the aperture's points that triangles around a point of the map, none nearer than `nearest`, keep from it."""
+    """Bits of the aperture's points that triangles around a point of the map, none nearer than `nearest`, keep from it.
+
+    Where surfaces turn away, not every triangle holds the centre of a pixel: those around narrow ones are looked at, too.
+    """
     inverse_z = 1.0 / point[2]
     scale = _penumbra_px(view, projection)
     reach = scale * (nearest - inverse_z) + 1.0
@@ -195,26 +237,28 @@ def _blocked(
     blocked = wp.uint32(int(0))
     recent = Recent(-1)
     slot = int(0)
+    around = Recent(-1)
+    place = int(0)
     for v in range(wp.max(int(y - reach), 0), wp.min(int(y + reach) + 2, view.height)):
         for u in range(wp.max(int(x - reach), 0), wp.min(int(x + reach) + 2, view.width)):
             key = keys[v * view.width + u]
             away = wp.max(wp.max(wp.abs(float(u) - x), wp.abs(float(v) - y)) - 1.0, 0.0)
             if blocked != _ALL and scale * (_inverse_depth(key) - inverse_z) > away:
                 face = int(wp.uint32(key & _LOWER_HALF))
-                known = bool(False)
-                for k in range(8):
-                    known = known or recent[k] == face
-                if not known:
+                if not _holds(recent, face):
                     recent[slot] = face
                     slot = (slot + 1) % 8
-                    a = vertices[corners[3 * face]] - point
-                    b = vertices[corners[3 * face + 1]] - point
-                    c = vertices[corners[3 * face + 2]] - point
-                    height = wp.dot(a, wp.cross(b, c))
-                    first = _side(a, b, point)
-                    second = _side(b, c, point)
-                    third = _side(c, a, point)
-                    blocked = blocked | _covered(first, second, third, height, projection.radius, disk)
+                    triangle = wp.vec3i(corners[3 * face], corners[3 * face + 1], corners[3 * face + 2])
+                    blocked = blocked | _covered_by(triangle, point, projection.radius, vertices, disk)
+                    if _is_narrow(triangle, view, vertices):
+                        for corner in range(3):
+                            vertex = triangle[corner]
+                            if not _holds(around, vertex):
+                                around[place] = vertex
+                                place = (place + 1) % 8
+                                for k in range(offsets[vertex], offsets[vertex + 1]):
+                                    beside = wp.vec3i(vertex, pairs[k][0], pairs[k][1])
+                                    blocked = blocked | _covered_by(beside, point, projection.radius, vertices, disk)
     return blocked
 
 
@@ -231,6 +275,8 @@ def settle_penumbra(
     borders: wp.array(dtype=wp.float32),
     vertices: wp.array(dtype=wp.vec3),
     corners: wp.array(dtype=wp.int32),
+    offsets: wp.array(dtype=wp.int32),
+    pairs: wp.array(dtype=wp.vec2i),
     projector: Projector,
     disk: wp.array(dtype=wp.float32),
     table: wp.array2d(dtype=wp.float32),
@@ -253,7 +299,9 @@ def settle_penumbra(
             blocked = wp.uint32(_ALL)
             if wp.dot(normal[i], in_camera - projector.centre) < 0.0:
                 nearest = borders[_map_pixel(projector.view, tangent[i])]
-                blocked = _blocked(point, tangent[i], nearest, projector.view, projection, keys, vertices, corners, disk)
+                blocked = _blocked(
+                    point, tangent[i], nearest, projector.view, projection, keys, vertices, corners, offsets, pairs, disk
+                )
             found = wp.where(blocked == _ALL, 0.0, 1.0)
             if blocked != _ALL and blocked != wp.uint32(0):
                 shift = (projection.inverse_focus - 1.0 / point[2]) * projection.radius

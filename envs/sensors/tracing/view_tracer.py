@@ -36,8 +36,8 @@ class RayScene:
         self.object_ids: Any = wp.array(geometry.object_ids, dtype=wp.uint8, device=device)
         self.albedo_factor: Any = wp.array(geometry.albedo_factor, dtype=wp.float32, device=device)
         offsets, pairs = geometry.neighbours()
-        self._offsets: Any = wp.array(offsets, dtype=wp.int32, device=device)
-        self._pairs: Any = wp.array(pairs, dtype=wp.vec2i, device=device)
+        self.offsets: Any = wp.array(offsets, dtype=wp.int32, device=device)
+        self.pairs: Any = wp.array(pairs, dtype=wp.vec2i, device=device)
 
     def move(self, points: NDArray[np.float32]) -> None:
         """Upload the points, (n, 3) in the world, and refit the tree."""
@@ -50,7 +50,7 @@ class RayScene:
         return wp.launch(
             ray_kernels.vertex_normals,
             dim=math.ceil(count / run),
-            inputs=[count, run, points, self._offsets, self._pairs],
+            inputs=[count, run, points, self.offsets, self.pairs],
             outputs=[normals],
             device=self.device,
             record_cmd=True,
@@ -65,7 +65,7 @@ class ViewTracer:
         projector: The `Projector` of the kernels.
         outputs: Device arrays, an entry a pixel, that `trace` writes: depth, normal, tangent, flags, object id, albedo factor.
         projector_keys: Device array, the projector's depth map.
-        in_projector, corners: Device arrays, vertices in the projector's frame and triangles of the scene that is looked at.
+        in_projector: Device array, the scene's vertices in the projector's frame.
     """
 
     def __init__(self, rig: Rig, device: Any, runner: StripRunner) -> None:
@@ -90,7 +90,6 @@ class ViewTracer:
         kinds = (wp.float32, wp.vec3, wp.vec2, wp.uint8, wp.uint8, wp.float32)
         self.outputs: list[Any] = [wp.zeros(count, dtype=kind, device=device) for kind in kinds]
         self.in_projector: Any = None
-        self.corners: Any = None
         self._pinhole = True
         self._walk: list[Any] = []
         self._to_views: Any = None
@@ -125,7 +124,7 @@ class ViewTracer:
             device=device,
             record_cmd=True,
         )
-        self.in_projector, self.corners = in_projector, scene.corners
+        self.in_projector = in_projector
         corners = scene.corners
         normals = wp.zeros(count, dtype=wp.vec3, device=device)
         self._to_normals = scene.record_normals(in_camera, normals)

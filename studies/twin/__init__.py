@@ -1,0 +1,1 @@
+"""Renders the stripe camera's scenes with a path tracer of others and compares."""

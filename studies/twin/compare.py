@@ -1,0 +1,146 @@
+"""Compares the stripe camera's images with the path tracer's: contrast, stripe edges, penumbra, light."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from laploop.arrays import Array
+from laploop.assets.scope_optics import ScopeOptics
+from laploop.envs.sensors.stripe_camera import StripeCamera
+from laploop.perception.geometry import Rig
+from laploop.studies.characterization.run import find_extrema, michelson_contrast
+from laploop.studies.twin.render import check_mitsuba, render_twin
+from laploop.studies.twin.scene import (
+    PLANE_DISTANCES_MM,
+    TwinScene,
+    fold_scene,
+    organ_scene,
+    plane_scene,
+    shadow_scene,
+    sphere_scene,
+    twin_optics,
+    vessel_scene,
+)
+
+_SAME_EDGE_PX = 1.5
+"""Edges of the two images that are farther apart are not the same edge."""
+_CLEAR = 0.02
+"""Edges count where the stripes swing by this fraction of the brightest value a pixel."""
+_WALL = slice(60, 128)
+"""Columns that see the wall left of the screen."""
+_MIDDLE = slice(78, 178)
+"""Columns over which the contrast of a plane is measured."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneComparison:
+    """Expected photo-electrons of one scene, by the stripe camera and by the path tracer."""
+
+    scene: TwinScene
+    camera: Array
+    twin: Array
+
+    @property
+    def brightness(self) -> float:
+        """Mean of the stripe camera's image over that of the path tracer's."""
+        return float(self.camera.mean() / self.twin.mean())
+
+    def edge_offsets_px(self, period_px: float) -> Array:
+        """Return how far the stripes' edges are apart along the rows, for all edges that both images show."""
+        offsets: list[float] = []
+        least = _CLEAR * float(self.twin.max())
+        for ours, theirs in zip(self.camera, self.twin, strict=True):
+            found, wanted = (_crossings(row, period_px, least) for row in (ours, theirs))
+            for rising in (True, False):
+                places = np.array([x for x, up in found if up == rising])
+                for x, up in wanted:
+                    if up == rising and len(places):
+                        nearest = places[np.abs(places - x).argmin()] - x
+                        if abs(nearest) < _SAME_EDGE_PX:
+                            offsets.append(float(nearest))
+        return np.array(offsets)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TwinComparison:
+    """All scenes, and what was measured on them."""
+
+    planes: tuple[SceneComparison, ...]
+    scenes: tuple[SceneComparison, ...]
+    """Sphere, folds, vessels, organ with an instrument."""
+    shadow: SceneComparison
+    period_px: float
+    """Of the stripes in the image."""
+
+    @property
+    def contrasts(self) -> Array:
+        """Michelson contrast of the planes, (planes, 2): of the stripe camera and of the path tracer."""
+        return np.array([[_plane_contrast(image, self.period_px) for image in (p.camera, p.twin)] for p in self.planes])
+
+    @property
+    def penumbra_px(self) -> tuple[float, float]:
+        """Width of the shadow's border from a tenth to nine tenths of the light, of the stripe camera and the path tracer."""
+        ours, theirs = (_fall_px(image.mean(axis=0)) for image in (self.shadow.camera, self.shadow.twin))
+        return ours, theirs
+
+
+def compare_with_twin(progress: Callable[[float], None] | None = None) -> TwinComparison:
+    """Render all scenes twice; `progress` is called with the fraction done.
+
+    Raises:
+        InvalidValueError: If Mitsuba is not installed.
+    """
+    check_mitsuba()
+    scenes = [plane_scene(distance) for distance in PLANE_DISTANCES_MM]
+    scenes += [sphere_scene(), fold_scene(), vessel_scene(), organ_scene(), shadow_scene()]
+    done = []
+    for number, scene in enumerate(scenes, start=1):
+        done.append(compare_scene(scene))
+        if progress is not None:
+            progress(number / len(scenes))
+    planes = len(PLANE_DISTANCES_MM)
+    rig = Rig.from_optics(ScopeOptics())
+    return TwinComparison(
+        planes=tuple(done[:planes]),
+        scenes=tuple(done[planes:-1]),
+        shadow=done[-1],
+        period_px=rig.mask.period_tan * rig.camera.fx,
+    )
+
+
+def compare_scene(scene: TwinScene) -> SceneComparison:
+    """Render a scene with the stripe camera and with the path tracer."""
+    rig, optics = replace(Rig.from_optics(ScopeOptics()), mask=scene.mask), twin_optics()
+    camera = StripeCamera(rig, optics)
+    camera.attach_geometry(scene.geometry)
+    capture = camera.capture(None, np.eye(4), None)
+    camera.close()
+    twin = render_twin(rig, optics, scene.geometry, capture, rows=scene.rows)
+    return SceneComparison(scene=scene, camera=capture.electrons[slice(*scene.rows)].astype(np.float64), twin=twin)
+
+
+def _plane_contrast(image: Array, period_px: float) -> float:
+    profile = image[4:-4, _MIDDLE].mean(axis=0)
+    return michelson_contrast(profile, *find_extrema(profile, 0.6 * period_px))
+
+
+def _crossings(row: Array, period_px: float, least: float) -> list[tuple[float, bool]]:
+    """Return where a row crosses its mean over a period, pixel centres at +0.5, and whether it rises there."""
+    swing = row - uniform_filter1d(row, round(period_px))
+    before, after = swing[:-1], swing[1:]
+    found = np.flatnonzero((before * after < 0.0) & (np.abs(after - before) > least))
+    return [(float(i + 0.5 + before[i] / (before[i] - after[i])), bool(after[i] > before[i])) for i in found]
+
+
+def _fall_px(profile: Array) -> float:
+    """Return how far it is from nine tenths to one tenth of the light, towards the darkest place and left of it."""
+    dark = _WALL.start + int(np.argmin(profile[_WALL]))
+    left = profile[dark - 20 : dark + 1] / profile[dark - 20]
+    below = [float(np.flatnonzero(left < level)[0]) for level in (0.9, 0.1)]
+    ends = [
+        i - 1.0 + (left[int(i) - 1] - level) / (left[int(i) - 1] - left[int(i)])
+        for i, level in zip(below, (0.9, 0.1), strict=True)
+    ]
+    return float(ends[1] - ends[0])
