@@ -17,12 +17,14 @@ from .recording.recorder import CompositeRecorder as CompositeRecorder
 from .recording.recorder import NullRecorder as NullRecorder
 from .recording.recorder import Recorder as Recorder
 from .recording.rerun_recorder import RerunRecorder as RerunRecorder
+from .sensors.optics.camera_response import CameraResponse as CameraResponse
 from .sensors.optics.exposure_control import ExposureControl as ExposureControl
 from .sensors.optics.presets import OpticsRanges as OpticsRanges
 from .sensors.optics.presets import optics_preset as optics_preset
 from .sensors.optics.scope_ranges import ScopeRanges as ScopeRanges
 from .sensors.optics.stripe_optics import Material as Material
 from .sensors.optics.stripe_optics import StripeOptics as StripeOptics
+from .sensors.optics.subsurface import Subsurface as Subsurface
 from .sensors.reference.camera import ReferenceCamera as ReferenceCamera
 from .sensors.reference.optics import ReferenceOptics as ReferenceOptics
 from .sensors.stripe_camera import StripeCamera as StripeCamera
@@ -56,6 +58,7 @@ __all__ = [
     "TASKS",
     "ActuationConfig",
     "BaseMotion",
+    "CameraResponse",
     "ClockRates",
     "ClosedLoop",
     "CompositeRecorder",
@@ -91,6 +94,7 @@ __all__ = [
     "StageTravel",
     "StripeCamera",
     "StripeOptics",
+    "Subsurface",
     "TaskConfig",
     "TaskEnv",
     "TaskSpec",

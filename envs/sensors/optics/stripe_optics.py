@@ -1,5 +1,6 @@
 """The optical and electronic model of the stripe camera, as numbers."""
 
+import functools
 import math
 from dataclasses import field
 from functools import cached_property
@@ -152,13 +153,18 @@ class StripeOptics:
 
     def axial_intensity_w_sr(self, mask: StripeMask) -> float:
         """Radiant intensity along the projector's axis through a clear part of the mask."""
-        edges = np.linspace(-mask.half_width_tan, mask.half_width_tan, 201)
-        centres = 0.5 * (edges[1:] + edges[:-1])
-        square = 1.0 + centres[:, None] ** 2 + centres[None, :] ** 2
-        solid_angle_weighted = np.sum(square ** (-1.5 - 0.5 * self.led_exponent)) * (edges[1] - edges[0]) ** 2
-        return self.led_power_w / float(solid_angle_weighted)
+        return self.led_power_w / _weighted_solid_angle_sr(mask.half_width_tan, self.led_exponent)
 
     def projection_blur(self, focal_px: float) -> ProjectionBlur:
         """Return the blur of the mask, a pixel's own width included."""
         sigma = math.sqrt(self.source_blur_tan**2 + 1.0 / (12.0 * focal_px**2))
         return ProjectionBlur(sigma_tan=sigma, aperture_m=self.projector_aperture_m, focus_m=self.projector_focus_m)
+
+
+@functools.lru_cache(maxsize=64)
+def _weighted_solid_angle_sr(half_width_tan: float, exponent: float) -> float:
+    """Return the solid angle of a square field, weighted with the cosine of the angle to its axis to a power."""
+    edges = np.linspace(-half_width_tan, half_width_tan, 201)
+    centres = 0.5 * (edges[1:] + edges[:-1])
+    square = 1.0 + centres[:, None] ** 2 + centres[None, :] ** 2
+    return float(np.sum(square ** (-1.5 - 0.5 * exponent)) * (edges[1] - edges[0]) ** 2)
