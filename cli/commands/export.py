@@ -21,7 +21,7 @@ class ExportArguments:
     """Write a depth network as ONNX, for runtimes other than torch.
 
     Writes `MODEL.onnx` (input `image`: 1 x 256 x 256 float32, grey values 0-255; outputs `depth_mm` and, where
-    the network gives it, `log_scale`) and `summary.json`. Needs `pip install 'laploop[onnx]'`. With `--average`, writes
+    the network gives them, `confidence` and `slip`) and `summary.json`. Needs `pip install 'laploop[onnx]'`. With `--average`, writes
     `MODEL.safetensors` instead.
     """
 

@@ -27,8 +27,8 @@ MAX_DIFFERENCE_MM = 0.1
 
 _IMAGES = 16
 """Different images, shown in turn; the same number is compared with the reference."""
-_MAX_SCALE_MM = 2.0
-"""Pixels are compared where the network expects a smaller error."""
+_LEAST_CONFIDENCE = 0.5
+"""Pixels are compared where the network is surer than this."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -152,7 +152,7 @@ def _difference_mm(runner: Any, images: list[Image], expected: list[tuple[NDArra
     for image, wanted in zip(images, expected, strict=False):
         found = runner.run(image)[0]
         valid = np.isfinite(wanted[0])
-        if len(wanted) > 1 and (sure := wanted[1] <= np.log(_MAX_SCALE_MM)).any():
+        if len(wanted) > 1 and (sure := wanted[1] >= _LEAST_CONFIDENCE).any():
             valid &= sure
         sums += float(np.abs(found - wanted[0])[valid].sum(dtype=np.float64))
         count += int(valid.sum())

@@ -7,7 +7,7 @@ import torch
 
 from laploop.errors import LaploopError, MissingFileError, OutputError, WeightsError
 from laploop.perception.estimators import make_estimator
-from laploop.perception.estimators.network import ScaleEstimator
+from laploop.perception.estimators.network import PhaseNetworkEstimator
 from laploop.perception.inference.models import load_network
 from laploop.perception.network_specs import NETWORKS, SHIPPED
 from laploop.perception.networks.compact_unet import CompactUNet
@@ -102,11 +102,11 @@ def test_folder_that_cannot_be_made_is_an_output_error(tmp_path):
 
 def test_estimator_made_from_saved_weights_is_the_one_that_was_saved(rig, tmp_path):
     torch.manual_seed(1)
-    network = CompactUNet(rig, CompactConfig(widths=(8, 16)))
+    network = CompactUNet(CompactConfig(widths=(8, 16)))
     path = tmp_path / "compact.safetensors"
     save_weights(path, network.state_dict(), network.config.architecture)
     image = np.random.default_rng(0).integers(0, 256, (256, 256)).astype(np.uint8)
-    loaded, saved = make_estimator("compact", rig, path).estimate(image), ScaleEstimator(rig, network).estimate(image)
+    loaded, saved = make_estimator("compact", rig, path).estimate(image), PhaseNetworkEstimator(rig, network).estimate(image)
     np.testing.assert_array_equal(loaded.depth_mm, saved.depth_mm)
     np.testing.assert_array_equal(loaded.valid, saved.valid)
 

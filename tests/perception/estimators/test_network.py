@@ -46,7 +46,7 @@ def test_estimator_of_a_file_says_what_the_network_says(name, small_rig, tiny, i
     np.testing.assert_allclose(estimate.depth_mm, output.depth_mm[0].numpy(), rtol=1e-3, atol=0.02)
     np.testing.assert_array_equal(estimate.depth_mm, estimator.estimate(image).depth_mm)
     valid = {
-        "log_scale": lambda: output.log_scale[0].exp() <= 2.0,
+        "slip_logit": lambda: output.valid(0.05)[0],
         "mask_logit": lambda: output.mask_logit[0] > 0.0,
         "latent": lambda: (output.depth_mm[0] >= 40.0) & (output.depth_mm[0] <= 160.0),
     }
@@ -61,9 +61,8 @@ def test_other_images_and_other_rigs_are_refused(name, small_rig, tiny):
     for image in (np.zeros((32, 128), np.uint8), np.zeros((128, 128), np.uint16), [[0]]):
         with pytest.raises(InvalidValueError, match="image"):
             estimator.estimate(image)
-    if name != "compact":  # which is made for the rig
-        with pytest.raises(InvalidValueError, match=r"height, width.*\(256, 256\); allowed: \(128, 128\)"):
-            make_estimator(name, Rig.from_optics(ScopeOptics()), path)
+    with pytest.raises(InvalidValueError, match=r"height, width.*\(256, 256\); allowed: \(128, 128\)"):
+        make_estimator(name, Rig.from_optics(ScopeOptics()), path)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -49,8 +49,8 @@ def test_arguments_are_handed_over_and_others_refused(rig):
             InvalidValueError, match=rf"names of arguments of estimator {name} is .*; allowed: those of {name}\("
         ):
             make_estimator(name, rig, arguments=arguments)
-    with pytest.raises(InvalidValueError, match="max_scale_mm"):
-        make_estimator("compact", rig, arguments={"max_scale_mm": -1.0})
+    with pytest.raises(InvalidValueError, match="max_slip"):
+        make_estimator("compact", rig, arguments={"max_slip": -1.0})
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_arguments_are_handed_over_and_others_refused(rig):
         ("no_such_module:Estimator", "ModuleNotFoundError"),
         ("math:tau", "it is of type float"),
         ("builtins:str", "it made a str"),
-        ("laploop.perception.networks.ssle_phase_front:rig_numbers", r"estimate\(image\); it made a tuple"),
+        ("laploop.perception.networks.phase_front:rig_numbers", r"estimate\(image\); it made a tuple"),
     ],
 )
 def test_what_makes_no_estimator_is_refused(rig, path, message):
