@@ -72,7 +72,7 @@ def test_train_does_not_overwrite_a_training_unasked(dataset, trained, capsys):
         (["--learning-rate", "1e-3"], "learning_rate is 0.002; allowed: 0.001"),
         (["--batch", "1"], "batch is 2; allowed: 1"),
         (["--limit", "1"], "content of the training frames"),
-        (["--network.widths", "8", "16"], "architecture.widths"),
+        (["--size", "tiny"], "architecture.widths"),
     ],
 )
 def test_train_resumes_no_other_training(dataset, trained, capsys, changes, named):

@@ -8,6 +8,7 @@ import pytest
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.object_id import ObjectId
+from laploop.envs.sensors.optics.camera_response import CameraResponse
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.errors import InvalidValueError
@@ -100,10 +101,21 @@ def test_automatic_exposure_meets_its_level(camera, scene):
     pose = draw_view(RANGES, scene, camera, np.random.default_rng(5))
     optics = replace(StripeOptics(), led_power_w=0.01)
     camera.set_optics(optics)
-    exposed = auto_exposed(camera.capture(None, pose.world_from_camera, None).electrons, optics, 0.7)
+    exposed = auto_exposed(camera.capture(None, pose.world_from_camera, None), optics, 0.7)
     camera.set_optics(exposed)
-    bright = np.percentile(camera.capture(None, pose.world_from_camera, None).electrons, 95.0)
+    capture = camera.capture(None, pose.world_from_camera, None)
+    bright = np.percentile(capture.electrons[capture.object_id != int(ObjectId.TOOL)], 95.0)
     assert bright / optics.full_well_electrons == pytest.approx(0.7, rel=1e-3)
+
+
+def test_automatic_exposure_knows_the_response_of_the_camera(camera, scene):
+    pose = draw_view(RANGES, scene, camera, np.random.default_rng(5))
+    optics = replace(StripeOptics(), response=CameraResponse(gain=1.3, gamma=2.2))
+    camera.set_optics(optics)
+    camera.set_optics(auto_exposed(camera.capture(None, pose.world_from_camera, None), optics, 0.7))
+    capture = camera.capture(None, pose.world_from_camera, None)
+    grey = np.percentile(capture.image[capture.object_id != int(ObjectId.TOOL)], 95.0)
+    assert grey / 255.0 == pytest.approx(0.7, abs=0.01)
 
 
 def test_ranges_out_of_order_are_refused():
