@@ -9,10 +9,14 @@ from .loop.closed_loop import ClosedLoop as ClosedLoop
 from .loop.config import LoopConfig as LoopConfig
 from .loop.faults import Fault as Fault
 from .loop.kinematic_errors import KinematicErrors as KinematicErrors
-from .loop.latency import ConstantLatency as ConstantLatency
-from .loop.latency import LatencyModel as LatencyModel
-from .loop.latency import LognormalLatency as LognormalLatency
-from .loop.latency import TraceLatency as TraceLatency
+from .loop.timing.config import TimingConfig as TimingConfig
+from .loop.timing.latency import ConstantLatency as ConstantLatency
+from .loop.timing.latency import GammaLatency as GammaLatency
+from .loop.timing.latency import LatencyModel as LatencyModel
+from .loop.timing.latency import LognormalLatency as LognormalLatency
+from .loop.timing.latency import MeasuredLatency as MeasuredLatency
+from .loop.timing.latency import NormalLatency as NormalLatency
+from .loop.timing.latency import TraceLatency as TraceLatency
 from .recording.recorder import CompositeRecorder as CompositeRecorder
 from .recording.recorder import NullRecorder as NullRecorder
 from .recording.recorder import Recorder as Recorder
@@ -66,6 +70,7 @@ __all__ = [
     "EpisodeOptions",
     "ExposureControl",
     "Fault",
+    "GammaLatency",
     "KinematicErrors",
     "LatencyModel",
     "LognormalLatency",
@@ -73,6 +78,8 @@ __all__ = [
     "LookEnv",
     "LoopConfig",
     "Material",
+    "MeasuredLatency",
+    "NormalLatency",
     "NullRecorder",
     "OpticsRanges",
     "PalpateConfig",
@@ -97,6 +104,7 @@ __all__ = [
     "Theatre",
     "TheatreConfig",
     "TheatreLayout",
+    "TimingConfig",
     "TraceLatency",
     "TrackConfig",
     "TrackEnv",

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from numbers import Integral
 from typing import Any, ClassVar, Generic, TypeVar, cast
@@ -63,7 +63,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
     `info` holds `target_error_mm`, `rcm_error_mm` (`camera`, `tool`: worst of the period's physics steps), `port_force_n` and
     `port_friction_n` (likewise, of the trocar's wall and seal), `contact_force_n` (likewise), `depth_mae_mm` and
     `depth_valid_fraction` (both on the tissue; None while nobody uses depth maps: neither observations, the mode `residual`,
-    recorder nor a call of `control_input`), `depth_age_ms`, `sim_s`, `frames`, `dropped_frames`, `status` and
+    recorder nor a call of `control_input`), `depth_age_ms`, `sim_s`, `frames`, `dropped_frames`,
+    `frame_times` (of the newest frame that a control tick knew; None before the first tick; see `FrameTimes`), `status` and
     `status_reason` (of the inverse kinematics), `fault` (why the command was not followed, or None), `injected_faults`,
     `assessed` (whether the task counts this tick), `success`, `terminated_by`, `reward_terms`.
     """
@@ -336,7 +337,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         return None
 
     def _observation(self) -> Observation:
-        mode, served, newest = self.config.observation_mode, self.loop.newest_served, self.loop.newest_captured
+        mode, served, newest = self.config.observation_mode, self.loop.newest_served, self.loop.newest_arrived
         if served is None or newest is None:
             raise SimulationError("no frame yet")
         known = self.loop.control_input(self.target_pixel, with_depth=False)
@@ -374,6 +375,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             "sim_s": self.loop.now_ns * 1e-9,
             "frames": self.loop.frame_count,
             "dropped_frames": self.loop.dropped_frames,
+            "frame_times": None if (newest := self.loop.newest_used) is None else asdict(newest.captured.times),
             "status": str(status),
             "status_reason": self.loop.status_reason,
             "fault": self._interpreter.fault,
