@@ -120,7 +120,6 @@ class ClosedLoop:
         self.first_captured: CapturedFrame | None = None
         self.newest_captured: CapturedFrame | None = None
         self.newest_served: ServedFrame | None = None
-        self.newest_used: ServedFrame | None = None
         self.recorder.begin(self.theatre, self.rig)
         self._capture_if_due()
         if at_first_frame is not None:
@@ -142,7 +141,8 @@ class ClosedLoop:
         Returns:
             The depth frames that arrived, oldest first.
         """
-        self._use(self.newest_served)
+        if self.newest_served is not None:
+            self.timing_log.use(self.newest_served.captured.times, self.now_ns)
         control_s = self.config.control_s
         with self.timer.measure("control"):
             rotation = self.scope.world_from_camera()[:3, :3]
@@ -385,12 +385,6 @@ class ClosedLoop:
                 with self.timer.measure("record"):
                     self.recorder.depth(one.record(now_ns))
         return served
-
-    def _use(self, served: ServedFrame | None) -> None:
-        """Note that a control tick knows a frame."""
-        if served is not None and served is not self.newest_used:
-            self.newest_used = served
-            served.captured.times.first_used_ns = self.now_ns
 
     def _mark(self, captured: CapturedFrame | None) -> None:
         """Remember where the target is in a frame that was captured just now."""

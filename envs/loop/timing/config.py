@@ -39,7 +39,7 @@ class TimingConfig:
     transfer: Transport = NONE
     """From the camera to perception; keeps nobody busy."""
     drop_rate: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
-    """Fraction of the frames that are lost on this way."""
+    """Fraction of the frames that are lost on this way; the first, in which the target is chosen, never is."""
     service: Computation = ConstantLatency()
     """Of a frame by perception; keeps a worker busy."""
     pipeline: Transport = NONE

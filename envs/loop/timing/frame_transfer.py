@@ -28,7 +28,9 @@ class FrameTransfer:
 
     def send(self, frame: "CapturedFrame") -> None:
         """Send a frame, which is to arrive at its `available_ns`."""
-        if next(self._samples.dropped):
+        lost = next(self._samples.dropped)
+        # The target is chosen in the first frame, so that it is never lost.
+        if lost and frame.index > 0:
             self._log.drop(frame.times, "lost")
         else:
             heappush(self._under_way, (frame.available_ns, frame.index, frame))

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Literal
 
 FrameFate = Literal["lost", "replaced", "refused", "withheld", "overtaken"]
@@ -13,6 +14,11 @@ FrameFate = Literal["lost", "replaced", "refused", "withheld", "overtaken"]
 - `withheld`: by an injected fault.
 - `overtaken`: it came from perception after a newer one.
 """
+
+
+FRAME_STAGES = ("transfer", "queue", "service", "pipeline", "wait")
+"""What makes the age of a frame at its first use: from the capture to perception, in front of it, in it, from it to the
+consumers, and there until the next control tick."""
 
 
 @dataclass(kw_only=True)
@@ -34,6 +40,22 @@ class FrameTimes:
     worker: int | None = None
     """Number of the worker that served it, from 0 on."""
     dropped: FrameFate | None = None
+
+    def durations_ms(self) -> dict[str, float]:
+        """Return how long each stage had the frame, in milliseconds, as far as it came; keys are among `FRAME_STAGES`."""
+        moments = (
+            self.captured_ns,
+            self.arrived_ns,
+            self.started_ns,
+            self.finished_ns,
+            self.available_ns,
+            self.first_used_ns,
+        )
+        return {
+            stage: (end - begin) * 1e-6
+            for stage, (begin, end) in zip(FRAME_STAGES, pairwise(moments), strict=True)
+            if begin is not None and end is not None
+        }
 
 
 @dataclass(kw_only=True)
@@ -68,6 +90,8 @@ class TimingLog:
     """Frames by what became of them."""
     out_of_order: int = 0
     """Frames that arrived at perception after a newer one."""
+    newest_used: FrameTimes | None = None
+    """The newest frame that a control tick has known."""
     overtaken_commands: int = 0
     """Commands that arrived at the arm after a newer one."""
 
@@ -86,6 +110,16 @@ class TimingLog:
         if times.dropped is not None:
             self.dropped[times.dropped] -= 1
             times.dropped = None
+
+    def use(self, times: FrameTimes, now_ns: int) -> None:
+        """Note that a control tick knows a frame, and none that is newer."""
+        if times is not self.newest_used:
+            self.newest_used = times
+            times.first_used_ns = now_ns
+
+    def newest_ms(self) -> dict[str, float]:
+        """Return how long each stage had the newest frame that a control tick has known; empty before there is one."""
+        return {} if self.newest_used is None else self.newest_used.durations_ms()
 
     @property
     def dropped_frames(self) -> int:
