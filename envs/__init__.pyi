@@ -55,9 +55,12 @@ from .theatre.organ_motion import BaseMotion as BaseMotion
 from .theatre.organ_motion import StageTravel as StageTravel
 from .theatre.theatre import Theatre as Theatre
 from .theatre.trocar import TrocarConfig as TrocarConfig
+from .timing_presets import TIMINGS as TIMINGS
+from .timing_presets import TimingPreset as TimingPreset
 
 __all__ = [
     "TASKS",
+    "TIMINGS",
     "ActuationConfig",
     "BaseMotion",
     "ClockRates",
@@ -105,6 +108,7 @@ __all__ = [
     "TheatreConfig",
     "TheatreLayout",
     "TimingConfig",
+    "TimingPreset",
     "TraceLatency",
     "TrackConfig",
     "TrackEnv",

@@ -21,6 +21,7 @@ from laploop.envs.tasks.task_config import TaskConfig
 from laploop.envs.theatre.actuation import ActuationConfig, ActuationName
 from laploop.envs.theatre.organ_motion import BaseMotion, MotionName
 from laploop.envs.theatre.trocar import TrocarConfig, TrocarName
+from laploop.envs.timing_presets import timing_preset
 from laploop.errors import InvalidValueError
 from laploop.perception.estimators.registry import ESTIMATORS
 
@@ -181,6 +182,9 @@ class EpisodeOptions:
     trocar: TrocarName | None = None
     """What the wall and the seal of each trocar do to the shaft: lubricated (2 N/mm, 0.75 N of friction; the default), dry
     (8 N), none."""
+    timing: str | None = None
+    """How late things are: paper, masknet, da-vinci-s-147, umi-ur5, xu-2014-500, ... (`laploop presets` lists them), or
+    module:PRESET; the options that follow change single stages of it."""
     perception_latency_ms: float | None = None
     """From the arrival of a frame at the estimator to that of its depth, in simulated time; 40 ms by default."""
     latency_trace: Path | None = None
@@ -224,11 +228,12 @@ class EpisodeOptions:
             trocar=None if self.trocar is None else TrocarConfig.named(self.trocar),
             tissue=None if self.phantom is None else replace(task.loop.theatre.tissue, mesh=self.phantom),
         )
+        loop = task.loop if self.timing is None else timing_preset(self.timing).applied_to(task.loop)
         loop = _with(
-            task.loop,
+            loop,
             theatre=theatre,
             optics=None if self.optics is None else optics_preset(self.optics),
-            timing=self._timing(task.loop.timing),
+            timing=self._timing(loop.timing),
         )
         task = _with(task, loop=loop, max_seconds=self.seconds, success_hold_s=self.hold_s)
         perception = episode.perception if self.perception is None else PerceptionConfig(name=self.perception)
