@@ -1,3 +1,5 @@
+from .async_policy import AsyncPolicy as AsyncPolicy
+from .async_policy import AsyncPolicyConfig as AsyncPolicyConfig
 from .episode import run_episode as run_episode
 from .episode_config import ControllerConfig as ControllerConfig
 from .episode_config import EpisodeConfig as EpisodeConfig
@@ -62,6 +64,8 @@ __all__ = [
     "TASKS",
     "TIMINGS",
     "ActuationConfig",
+    "AsyncPolicy",
+    "AsyncPolicyConfig",
     "BaseMotion",
     "ClockRates",
     "ClosedLoop",

@@ -26,9 +26,12 @@ class TimingPreset:
         Raises:
             InvalidValueError: If the rest of the loop does not allow for the rates.
         """
-        rates = {"physics_hz": self.physics_hz, "camera_hz": self.camera_hz}
-        given = {name: hertz for name, hertz in rates.items() if hertz is not None}
-        return replace(loop, timing=self.timing, **given)
+        return replace(
+            loop,
+            timing=self.timing,
+            physics_hz=self.physics_hz or loop.physics_hz,
+            camera_hz=self.camera_hz or loop.camera_hz,
+        )
 
 
 def timing_preset(name: str) -> TimingPreset:
