@@ -40,6 +40,7 @@ COMMANDS = {
     "speed": "time a depth model alone, frame after frame",
     "export": "write a depth network as ONNX",
     "config": "write the configuration of an episode as a file",
+    "presets": "list named timings, optics, arms, trocars and motions",
     "run": "run one closed-loop episode; recording, figure, summary",
     "trials": "run many episodes, one a seed; success rate and error table",
     "tasks": "run every task over many seeds; which meets its targets",

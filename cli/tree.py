@@ -53,6 +53,9 @@ def leaves(tree: Any) -> dict[tuple[str, ...], Leaf]:
             kinds = (*get_args(before.annotation), *get_args(leaf.annotation))
             one_of = f"one of {', '.join(map(str, kinds))}"
             leaf = replace(before, annotation=Literal[kinds], allowed=one_of)  # noqa: PLW2901
+        elif before is not None and before.value is not None:
+            # A field of the alternative that is chosen, which others have too.
+            continue
         found[leaf.path] = leaf
     return found
 

@@ -16,6 +16,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 from laploop.cli.parsing import Inlined, options_of, parse_known, unknown_option
 from laploop.cli.tree import Leaf, kinds_of, leaves, option_name, options_text
 from laploop.configuration import from_plain, to_plain
+from laploop.envs.earlier_names import present_option, with_present_names
 from laploop.envs.episode_config import EpisodeConfig, EpisodeOptions
 from laploop.envs.loop.config import LoopConfig
 from laploop.errors import InvalidValueError, LaploopError, UsageError, check_file
@@ -122,7 +123,13 @@ def _in_layout(plain: Plain, name: str) -> Plain:
         raise InvalidValueError(f"{name}: {ROOT}", task, "a table, or the task's name")
     beside = {key: value for key, value in plain.items() if key not in top}
     rest = {key: value for key, value in plain.items() if key in top and key != ROOT}
-    return {**rest, ROOT: _merged(task, beside)} if task or beside else rest
+    task = _merged(task, beside)
+    if isinstance(task.get("loop"), dict):
+        try:
+            task["loop"] = with_present_names(task["loop"])
+        except LaploopError as error:
+            raise error.at(name, ": ") from None
+    return {**rest, ROOT: task} if task else rest
 
 
 def _named_code(plain: Any, path: str = "") -> Iterator[tuple[str, str]]:
@@ -152,7 +159,7 @@ def _assigned(tokens: Sequence[str], known: Mapping[tuple[str, ...], Leaf], kind
     plain: Plain = {}
     for token, values in _options(tokens):
         name = token.replace("_", "-")
-        name = name if name in names else name.replace(f"--{ROOT}.", "--", 1)
+        name = present_option(name if name in names else name.replace(f"--{ROOT}.", "--", 1))
         leaf = names.get(name)
         parent, _, last = name.rpartition(".")
         if leaf is not None:
@@ -186,7 +193,7 @@ def _options(tokens: Sequence[str]) -> Iterator[tuple[str, list[str]]]:
 
 
 def _unknown(token: str, names: Mapping[str, Leaf], kind: type) -> LaploopError:
-    below = [name for name in names if name.startswith(f"{token}.")]
+    below = [name for name in names if name.startswith(f"{present_option(token)}.")]
     if below:
         return UsageError(f"{token} is a table; its fields: {', '.join(below)}")
     options = [*names, *options_of(kind)]

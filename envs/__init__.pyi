@@ -1,3 +1,5 @@
+from .async_policy import AsyncPolicy as AsyncPolicy
+from .async_policy import AsyncPolicyConfig as AsyncPolicyConfig
 from .episode import run_episode as run_episode
 from .episode_config import ControllerConfig as ControllerConfig
 from .episode_config import EpisodeConfig as EpisodeConfig
@@ -9,10 +11,14 @@ from .loop.closed_loop import ClosedLoop as ClosedLoop
 from .loop.config import LoopConfig as LoopConfig
 from .loop.faults import Fault as Fault
 from .loop.kinematic_errors import KinematicErrors as KinematicErrors
-from .loop.latency import ConstantLatency as ConstantLatency
-from .loop.latency import LatencyModel as LatencyModel
-from .loop.latency import LognormalLatency as LognormalLatency
-from .loop.latency import TraceLatency as TraceLatency
+from .loop.timing.config import TimingConfig as TimingConfig
+from .loop.timing.latency import ConstantLatency as ConstantLatency
+from .loop.timing.latency import GammaLatency as GammaLatency
+from .loop.timing.latency import LatencyModel as LatencyModel
+from .loop.timing.latency import LognormalLatency as LognormalLatency
+from .loop.timing.latency import MeasuredLatency as MeasuredLatency
+from .loop.timing.latency import NormalLatency as NormalLatency
+from .loop.timing.latency import TraceLatency as TraceLatency
 from .recording.recorder import CompositeRecorder as CompositeRecorder
 from .recording.recorder import NullRecorder as NullRecorder
 from .recording.recorder import Recorder as Recorder
@@ -53,10 +59,15 @@ from .theatre.organ_motion import BaseMotion as BaseMotion
 from .theatre.organ_motion import StageTravel as StageTravel
 from .theatre.theatre import Theatre as Theatre
 from .theatre.trocar import TrocarConfig as TrocarConfig
+from .timing_presets import TIMINGS as TIMINGS
+from .timing_presets import TimingPreset as TimingPreset
 
 __all__ = [
     "TASKS",
+    "TIMINGS",
     "ActuationConfig",
+    "AsyncPolicy",
+    "AsyncPolicyConfig",
     "BaseMotion",
     "CameraResponse",
     "ClockRates",
@@ -69,6 +80,7 @@ __all__ = [
     "EpisodeOptions",
     "ExposureControl",
     "Fault",
+    "GammaLatency",
     "KinematicErrors",
     "LatencyModel",
     "LognormalLatency",
@@ -76,6 +88,8 @@ __all__ = [
     "LookEnv",
     "LoopConfig",
     "Material",
+    "MeasuredLatency",
+    "NormalLatency",
     "NullRecorder",
     "OpticsRanges",
     "PalpateConfig",
@@ -101,6 +115,8 @@ __all__ = [
     "Theatre",
     "TheatreConfig",
     "TheatreLayout",
+    "TimingConfig",
+    "TimingPreset",
     "TraceLatency",
     "TrackConfig",
     "TrackEnv",

@@ -4,7 +4,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -13,7 +13,9 @@ from laploop.control.controllers.base import TaskController
 from laploop.control.controllers.registry import make_controller
 from laploop.control.messages import TipController
 from laploop.envs.episode_config import OWN, EpisodeConfig
+from laploop.envs.loop.timing.log import FrameFate
 from laploop.envs.recording.recorder import Recorder
+from laploop.envs.recording.tick_table import TickTable
 from laploop.envs.tasks.actions import checked_command
 from laploop.envs.tasks.registry import task_spec
 from laploop.envs.tasks.task_env import TaskEnv
@@ -28,6 +30,7 @@ def run_episode(
     progress: Callable[[float], None] | None = None,
     estimator: DepthEstimator | None = None,
     controller: TipController | None = None,
+    ticks: TickTable | None = None,
 ) -> dict[str, Any]:
     """Run an episode to its end.
 
@@ -37,6 +40,7 @@ def run_episode(
         progress: Called with the simulated seconds so far, every control period.
         estimator: Used instead of the one that `config.perception` names.
         controller: Used instead of the scripted one. A command that is not finite makes the arm hold for that period.
+        ticks: Is given every control tick.
 
     Returns:
         The summary: outcome, errors, forces, limits, ages of depth, and the wall-clock time of each stage.
@@ -69,16 +73,24 @@ def run_episode(
         begin_wall, begin_sim = time.perf_counter(), info["sim_s"]
         finished = False
         while not finished:
+            known = env.control_input()
             with env.loop.timer.measure("control"):
-                velocity = checked_command(controller.command(env.control_input()))
+                velocity = checked_command(controller.command(known))
+            if ticks is not None:
+                target = controller.target if isinstance(controller, TaskController) else None
+                ticks.begin(env, velocity, None if target is None else target.point)
             _, _, terminated, truncated, info = env.step(velocity.astype(np.float32))
             finished = terminated or truncated
             if isinstance(controller, TaskController):
                 info["depth_jump_fraction"] = controller.depth_jump_fraction
+            if ticks is not None:
+                ticks.end(info)
             infos.append(info)
             if progress is not None:
                 progress(info["sim_s"])
         wall_s = time.perf_counter() - begin_wall
+        if recorder is not None:
+            recorder.timing(env.loop.timing_log)
         return _summary(config, env, infos, (info["sim_s"] - begin_sim) / wall_s)
     finally:
         env.close()
@@ -100,6 +112,9 @@ def _summary(config: EpisodeConfig, env: TaskEnv[Any], infos: list[dict[str, Any
         "sim_s": last["sim_s"],
         "real_time_factor": real_time_factor,
         "frames": last["frames"],
+        "dropped": {fate: env.loop.timing_log.dropped[fate] for fate in get_args(FrameFate)},
+        "out_of_order": env.loop.timing_log.out_of_order,
+        "overtaken_commands": env.loop.timing_log.overtaken_commands,
         # Mean and 95th percentile of what the task assesses, as the final hold: before it, the distance still to go says
         # nothing about accuracy.
         "target_error_mm": {

@@ -13,13 +13,15 @@ from laploop.configuration import Field, configuration, from_plain
 from laploop.control.controllers.registry import CONTROLLERS
 from laploop.control.prediction.registry import PREDICTORS
 from laploop.envs.fidelity import FidelityName, with_fidelity
-from laploop.envs.loop.latency import ConstantLatency, TraceLatency
+from laploop.envs.loop.timing.config import TimingConfig
+from laploop.envs.loop.timing.latency import ConstantLatency, TraceLatency
 from laploop.envs.sensors.optics.presets import PresetName, optics_preset
 from laploop.envs.tasks.registry import TASKS, default_config, task_spec
 from laploop.envs.tasks.task_config import TaskConfig
 from laploop.envs.theatre.actuation import ActuationConfig, ActuationName
 from laploop.envs.theatre.organ_motion import BaseMotion, MotionName
 from laploop.envs.theatre.trocar import TrocarConfig, TrocarName
+from laploop.envs.timing_presets import timing_preset
 from laploop.errors import InvalidValueError
 from laploop.perception.estimators.registry import ESTIMATORS
 
@@ -180,10 +182,15 @@ class EpisodeOptions:
     trocar: TrocarName | None = None
     """What the wall and the seal of each trocar do to the shaft: lubricated (2 N/mm, 0.75 N of friction; the default), dry
     (8 N), none."""
+    timing: str | None = None
+    """How late things are: paper, masknet, da-vinci-s-147, umi-ur5, xu-2014-500, ... (`laploop presets` lists them), or
+    module:PRESET; the options that follow change single stages of it."""
     perception_latency_ms: float | None = None
-    """From the capture of a frame to the arrival of its depth, in simulated time; 40 ms by default."""
+    """From the arrival of a frame at the estimator to that of its depth, in simulated time; 40 ms by default."""
     latency_trace: Path | None = None
-    """CSV file with a column latency_ms, as `laploop speed` writes it, replayed in place of the constant latency."""
+    """CSV file with a column latency_ms, as `laploop speed` writes it, replayed as the perception latency."""
+    compute_trace: Path | None = None
+    """Likewise, replayed as the controllers' computing times."""
     transfer_latency_ms: float | None = None
     """From the capture of a frame to its arrival at the estimator; comes on top of the perception latency, but does not keep
     the estimator busy. 0 ms by default."""
@@ -203,7 +210,7 @@ class EpisodeOptions:
         return self.applied_to(EpisodeConfig(task=default_config(self.task or "reach", bad_action="hold")))
 
     def applied_to(self, episode: EpisodeConfig) -> EpisodeConfig:
-        """Return an episode with these options in place; reads phantom and latency trace where they are given.
+        """Return an episode with these options in place; reads phantom and traces where they are given.
 
         Raises:
             LaploopError: If a value is not allowed, or a file does not exist or is damaged.
@@ -221,12 +228,12 @@ class EpisodeOptions:
             trocar=None if self.trocar is None else TrocarConfig.named(self.trocar),
             tissue=None if self.phantom is None else replace(task.loop.theatre.tissue, mesh=self.phantom),
         )
+        loop = task.loop if self.timing is None else timing_preset(self.timing).applied_to(task.loop)
         loop = _with(
-            task.loop,
+            loop,
             theatre=theatre,
             optics=None if self.optics is None else optics_preset(self.optics),
-            latency=self._latency(),
-            transfer_ms=self.transfer_latency_ms,
+            timing=self._timing(loop.timing),
         )
         task = _with(task, loop=loop, max_seconds=self.seconds, success_hold_s=self.hold_s)
         perception = episode.perception if self.perception is None else PerceptionConfig(name=self.perception)
@@ -239,13 +246,24 @@ class EpisodeOptions:
             task=task if self.fidelity is None else with_fidelity(task, self.fidelity),
         )
 
-    def _latency(self) -> ConstantLatency | TraceLatency | None:
-        if self.latency_trace is not None:
-            if self.perception_latency_ms is not None:
-                allowed = "none where a latency trace is given"
-                raise InvalidValueError("perception_latency_ms", self.perception_latency_ms, allowed)
-            return TraceLatency.from_csv(self.latency_trace)
-        return None if self.perception_latency_ms is None else ConstantLatency(latency_ms=self.perception_latency_ms)
+    def _timing(self, timing: TimingConfig) -> TimingConfig:
+        if None not in {self.latency_trace, self.perception_latency_ms}:
+            allowed = "none where a latency trace is given"
+            raise InvalidValueError("perception_latency_ms", self.perception_latency_ms, allowed)
+        return _with(
+            timing,
+            service=_constant(self.perception_latency_ms) or _trace(self.latency_trace),
+            transfer=_constant(self.transfer_latency_ms),
+            compute=_trace(self.compute_trace),
+        )
+
+
+def _constant(latency_ms: float | None) -> ConstantLatency | None:
+    return None if latency_ms is None else ConstantLatency(latency_ms=latency_ms)
+
+
+def _trace(path: Path | None) -> TraceLatency | None:
+    return None if path is None else TraceLatency.from_csv(path)
 
 
 def _with(config: T, **changes: Any) -> T:

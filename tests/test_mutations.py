@@ -51,15 +51,15 @@ MUTATIONS = (
     Mutation(
         name="latency-a-tick-late",
         file="envs/loop/perception_server.py",
-        before="self._job.done_ns <= now_ns",
-        after="self._job.done_ns < now_ns",
+        before="self._pipeline[0].done_ns <= now_ns",
+        after="self._pipeline[0].done_ns < now_ns",
         tests=("tests/envs/loop/test_closed_loop.py",),
     ),
     Mutation(
         name="oldest-wins-before-perception",
         file="envs/loop/perception_server.py",
-        before="        self._waiting = captured\n",
-        after="        self._waiting = self._waiting or captured\n",
+        before="self._waiting.append(newer)",
+        after="self._waiting.append(older)",
         tests=("tests/envs/loop/test_closed_loop.py",),
     ),
     Mutation(

@@ -6,6 +6,7 @@ import numpy as np
 
 from laploop.arrays import Array
 from laploop.envs.loop.frame_renderer import FrameView
+from laploop.envs.loop.timing.log import FrameTimes
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.stripe_capture import DepthView, ExactView, StripeCapture
 from laploop.perception.geometry import Intrinsics, invert_transform, transform_points
@@ -19,7 +20,15 @@ class CapturedFrame:
     """A frame, whose image and truth are rendered in the background, or when they are asked for."""
 
     def __init__(
-        self, *, index: int, captured_ns: int, available_ns: int, world_from_camera: Array, true_pose: Array, view: FrameView
+        self,
+        *,
+        index: int,
+        captured_ns: int,
+        available_ns: int,
+        world_from_camera: Array,
+        true_pose: Array,
+        view: FrameView,
+        time_stamp_offset_ns: int = 0,
     ) -> None:
         """Take what is known at the capture.
 
@@ -30,10 +39,14 @@ class CapturedFrame:
             world_from_camera: 4x4, by the kinematics of the camera arm.
             true_pose: The same as it really is.
             view: What the camera sees.
+            time_stamp_offset_ns: By how much the time stamp that consumers are given is too late.
         """
+        self.times = FrameTimes(index=index, captured_ns=captured_ns)
         self.index = index
         self.captured_ns = captured_ns
         self.available_ns = available_ns
+        # No consumer would take a frame from the future.
+        self.time_stamp_ns = min(captured_ns + time_stamp_offset_ns, available_ns)
         self.world_from_camera = world_from_camera
         self.view = view
         self._true_pose = true_pose
@@ -45,7 +58,7 @@ class CapturedFrame:
         return StripeFrame(
             index=self.index,
             image=self.truth.image,
-            captured_ns=self.captured_ns,
+            captured_ns=self.time_stamp_ns,
             available_ns=self.available_ns,
             world_from_camera=self.world_from_camera,
         )

@@ -18,8 +18,11 @@ from laploop.envs.loop.miscalibrated_arm import MiscalibratedArm, MiscalibratedS
 from laploop.envs.loop.perception_server import PerceptionServer, ServedFrame
 from laploop.envs.loop.proprioception import Proprioception, ProprioceptiveReading
 from laploop.envs.loop.stage_timer import StageTimer
-from laploop.envs.recording.recorder import ARM_NAMES, DepthRecord, FrameRecord, NullRecorder, Recorder
-from laploop.envs.sensors.object_id import ObjectId
+from laploop.envs.loop.timing.command_path import CommandPath, JointTarget
+from laploop.envs.loop.timing.config import TimingSamples
+from laploop.envs.loop.timing.frame_transfer import FrameTransfer
+from laploop.envs.loop.timing.log import TimingLog
+from laploop.envs.recording.recorder import ARM_NAMES, FrameRecord, NullRecorder, Recorder
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import SimulationError
@@ -89,7 +92,7 @@ class ClosedLoop:
             if worker is not None:
                 # It may finish what it is at while the theatre is built.
                 worker.abandon()
-        noise_rng, latency_rng, corruption_rng, texture_rng, tool_rng, scope_rng = rng.spawn(6)
+        noise_rng, service_rng, corruption_rng, texture_rng, tool_rng, scope_rng, timing_rng = rng.spawn(7)
         self.timer = StageTimer()
         self.theatre = Theatre(self.config.theatre, self.config, seed=theatre_seed)
         self._end_episode()
@@ -102,10 +105,13 @@ class ClosedLoop:
         self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
         self._renderer = FrameRenderer(self._attached_camera(texture_rng), noise_rng, self.timer)
-        self._server = PerceptionServer(
-            self.estimator, self.config.latency.samples_ns(latency_rng), self.timer, ahead=self._depth_ahead
-        )
-        self._proprioception = Proprioception(self.tool, self.config.proprioception, self.config.physics_steps_per_control)
+        timing = self.config.timing
+        samples = TimingSamples.draw(timing, service_rng, timing_rng)
+        self.timing_log = TimingLog()
+        self._transfer = FrameTransfer(timing, samples, self.timing_log)
+        self._server = PerceptionServer(self.estimator, timing, samples, self.timing_log, self.timer, ahead=self._depth_ahead)
+        self._commands = CommandPath(samples, self.config, self.timing_log)
+        self._proprioception = Proprioception(self.tool, self.config.proprioception, self.config)
         self._proprioception.reset(np.random.RandomState(corruption_rng.integers(2**32)))
         self.frame_count = 0
         models = {"camera": self.scope.model, "tool": self.tool.model}
@@ -114,8 +120,6 @@ class ClosedLoop:
         self.first_captured: CapturedFrame | None = None
         self.newest_captured: CapturedFrame | None = None
         self.newest_served: ServedFrame | None = None
-        self._in_transfer: list[CapturedFrame] = []
-        self._overtaken = 0
         self.recorder.begin(self.theatre, self.rig)
         self._capture_if_due()
         if at_first_frame is not None:
@@ -137,7 +141,9 @@ class ClosedLoop:
         Returns:
             The depth frames that arrived, oldest first.
         """
-        control_s, steps = self.config.control_s, self.config.physics_steps_per_control
+        if self.newest_served is not None:
+            self.timing_log.use(self.newest_served.captured.times, self.now_ns)
+        control_s = self.config.control_s
         with self.timer.measure("control"):
             rotation = self.scope.world_from_camera()[:3, :3]
             # Each shaft keeps clear of the other, where that one's nominal kinematics put it.
@@ -145,20 +151,19 @@ class ClosedLoop:
             wanted = rotation @ tip_velocity_in_camera
             if self._scope_controller is None:
                 wanted = self._within_reach(self.tool, self._tool_controller, wanted)
-            q, qdot = self._tool_controller.step(wanted, control_s)
-            self.tool.command(q, qdot)
-            self.watch.commanded("tool", qdot)
+            targets = [JointTarget(self.tool, *self._tool_controller.step(wanted, control_s))]
+            self.watch.commanded("tool", targets[-1].qdot)
             if self._scope_controller is not None:
                 self._scope_controller.set_other_shaft(self.tool.tip_pose_in_world(), self.tool.model.shaft)
                 requested = np.zeros(3) if scope_velocity_in_camera is None else rotation @ scope_velocity_in_camera
                 wanted = self._within_reach(self.scope, self._scope_controller, requested)
-                q, qdot = self._scope_controller.step(wanted, control_s)
-                self.scope.command(q, qdot)
-                self.watch.commanded("camera", qdot)
-        self.timer.complete("control")
+                targets.append(JointTarget(self.scope, *self._scope_controller.step(wanted, control_s)))
+                self.watch.commanded("camera", targets[-1].qdot)
+        self._commands.send(self.now_ns, targets, self.timer.complete("control"))
         self._proprioception.before_control_period()
         served: list[ServedFrame] = []
-        for _ in range(steps):
+        for _ in range(self.config.physics_steps_per_control):
+            self._commands.deliver(self.now_ns)
             with self.timer.measure("physics"):
                 self.theatre.step()
             self.timer.complete("physics")
@@ -175,9 +180,14 @@ class ClosedLoop:
         return self.theatre.now_ns
 
     @property
+    def newest_arrived(self) -> CapturedFrame | None:
+        """The newest frame that perception, or whoever observes images, has been given."""
+        return self._transfer.newest
+
+    @property
     def dropped_frames(self) -> int:
-        """Frames that a newer one overtook, before perception had time for them or on their way from it."""
-        return (self._server.dropped if self._server is not None else 0) + self._overtaken
+        """Frames that were lost, for which perception had no time, or that a newer one overtook on their way from it."""
+        return self.timing_log.dropped_frames
 
     @property
     def tool_status(self) -> RcmStatus:
@@ -253,7 +263,7 @@ class ClosedLoop:
             shaft_axis_in_camera=camera_from_world[:3, :3] @ self.tool.shaft_axis_in_world(),
             scope_trocar_in_camera=transform_points(camera_from_world, self.scope.trocar_in_world),
             world_from_camera=world_from_camera,
-            lead_ns=self.config.theatre.actuation.lead_ns,
+            lead_ns=self.config.theatre.actuation.lead_ns + self.config.timing.command_ns,
             marker_pixel=self.marker_pixel() if with_depth else None,
         )
 
@@ -327,17 +337,19 @@ class ClosedLoop:
             captured = CapturedFrame(
                 index=self.frame_count,
                 captured_ns=now_ns,
-                available_ns=now_ns + self.config.transfer_ns,
+                available_ns=self._transfer.arrival_ns(now_ns),
                 world_from_camera=self.scope.world_from_camera(),
                 true_pose=true_pose,
                 view=self._renderer.take(self.theatre.data, true_pose),
+                time_stamp_offset_ns=self.config.timing.time_stamp_offset_ns,
             )
             if self._images_ahead:
                 captured.view.whole.begin()
         self.timer.complete("capture")
         self.frame_count += 1
         self.newest_captured = captured
-        self._in_transfer.append(captured)
+        self.timing_log.capture(captured.times)
+        self._transfer.send(captured)
         if self.first_captured is None:
             # Its target is still to be chosen.
             self.first_captured = captured
@@ -352,27 +364,26 @@ class ClosedLoop:
 
     def _deliver(self) -> list[ServedFrame]:
         server, now_ns = self._running_server(), self.now_ns
-        while self._in_transfer and self._in_transfer[0].available_ns <= now_ns:
-            server.submit(self._in_transfer.pop(0))
+        for captured in self._transfer.arrived(now_ns):
+            server.submit(captured)
+        finished = server.poll(now_ns)
+        arriving = self.injector.depth_frames(finished, self.rig.camera, now_ns)
+        for one in finished:
+            # Unless it is among those that arrive.
+            self.timing_log.drop(one.captured.times, "withheld")
         served: list[ServedFrame] = []
-        for one in self.injector.depth_frames(server.poll(now_ns), self.rig.camera, now_ns):
+        for one in arriving:
+            self.timing_log.deliver(one.captured.times, one.available_ns)
             if self.newest_served is not None and one.captured_ns <= self.newest_served.captured_ns:
-                self._overtaken += 1
+                self.timing_log.drop(one.captured.times, "overtaken")
                 continue
             served.append(one)
             self.newest_served = one
             if self.recorder.takes_depth:
-                truth, depth = one.captured.truth, one.depth
+                # Waiting for image and depth map is not the recorder's time.
+                _ = one.captured.truth, one.depth
                 with self.timer.measure("record"):
-                    self.recorder.depth(
-                        DepthRecord(
-                            now_ns=now_ns,
-                            depth=depth,
-                            stripes=truth.image,
-                            exact_depth_mm=truth.depth_mm,
-                            tissue=truth.object_id == ObjectId.TISSUE,
-                        )
-                    )
+                    self.recorder.depth(one.record(now_ns))
         return served
 
     def _mark(self, captured: CapturedFrame | None) -> None:

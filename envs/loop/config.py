@@ -7,8 +7,8 @@ from laploop.configuration import Field, configuration
 from laploop.control.arm.rcm_config import RcmControllerConfig
 from laploop.envs.loop.faults import Fault
 from laploop.envs.loop.kinematic_errors import KinematicErrors
-from laploop.envs.loop.latency import ConstantLatency, LatencyModel
 from laploop.envs.loop.proprioception import ProprioceptionConfig
+from laploop.envs.loop.timing.config import TimingConfig
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
 from laploop.envs.theatre.clock_rates import ClockRates
 from laploop.envs.theatre.config import TheatreConfig
@@ -19,10 +19,8 @@ from laploop.errors import InvalidValueError
 class LoopConfig(ClockRates):
     """The rates and the stages of the loop, around the theatre."""
 
-    latency: Annotated[LatencyModel, Field(discriminator="kind")] = Field(default_factory=ConstantLatency)
-    """Service time of the perception stage, which keeps it busy."""
-    transfer_ms: Annotated[float, Field(ge=0.0, le=5000.0)] = 0.0
-    """From the capture of a frame to its arrival at the perception stage; keeps nobody busy."""
+    timing: TimingConfig = Field(default_factory=TimingConfig)
+    """How long the stages between a scene and the arm take."""
     device: str = "cpu"
     """Where stripes are rendered: cpu, cuda, or one of several GPUs as cuda:0."""
     theatre: TheatreConfig = Field(default_factory=TheatreConfig)
@@ -39,12 +37,10 @@ class LoopConfig(ClockRates):
         super().__post_init__()
         if not re.fullmatch(r"cpu|cuda(:\d+)?", self.device):
             raise InvalidValueError("device", self.device, "cpu, cuda, or a number behind it as in cuda:0")
+        if self.timing.exposure_ns > self.camera_ns:
+            allowed = f"at most the camera period, {self.camera_ns * 1e-6:g} ms"
+            raise InvalidValueError("timing.exposure_ms", self.timing.exposure_ms, allowed)
         try:
             self.theatre.check_timestep(self.physics_ns)
         except InvalidValueError as error:
             raise error.at("theatre") from None
-
-    @property
-    def transfer_ns(self) -> int:
-        """From the capture of a frame to its arrival at the perception stage, in nanoseconds."""
-        return round(self.transfer_ms * 1e6)

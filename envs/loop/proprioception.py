@@ -14,6 +14,8 @@ import numpy as np
 
 from laploop.arrays import Array
 from laploop.configuration import Field, configuration
+from laploop.envs.loop.timing.latency import Milliseconds
+from laploop.envs.theatre.clock_rates import ClockRates
 
 if TYPE_CHECKING:
     from laploop.envs.loop.miscalibrated_arm import MiscalibratedTool
@@ -21,12 +23,12 @@ if TYPE_CHECKING:
 
 @configuration
 class ProprioceptionConfig:
-    """Delays in physics steps and noise in SI units; all off by default."""
+    """Delays, and noise in SI units; all off by default."""
 
-    kinematics_delay_steps: Annotated[int, Field(ge=0, le=10_000)] = 0
-    """Physics steps until the tip's position and velocity are known."""
-    force_delay_steps: Annotated[int, Field(ge=0, le=10_000)] = 0
-    """Physics steps until the force is known."""
+    kinematics_delay_ms: Milliseconds = 0.0
+    """Until the tip's position and velocity are known; rounded up to whole physics steps."""
+    force_delay_ms: Milliseconds = 0.0
+    """Until the force is known; rounded up to whole physics steps."""
     force_window_steps: Annotated[int, Field(ge=1, le=10_000)] = 4
     """The force sensor reports the mean over this many physics steps, as a strain gauge behind its low-pass filter does."""
     force_noise_n: Annotated[float, Field(ge=0.0, le=100.0)] = 0.0
@@ -56,7 +58,7 @@ class _Physics:
 class Proprioception:
     """Delayed and corrupted readings of the tool arm."""
 
-    def __init__(self, body: "MiscalibratedTool", config: ProprioceptionConfig, physics_steps_per_control: int) -> None:
+    def __init__(self, body: "MiscalibratedTool", config: ProprioceptionConfig, rates: ClockRates) -> None:
         """Set the channels up; `reset` fills them with the first reading."""
         with warnings.catch_warnings():
             # Without a display, the window library that dm_control loads and we never use complains.
@@ -65,15 +67,16 @@ class Proprioception:
             from dm_control.composer.observation.updater import Updater
         self._physics = _Physics(body)
         self._force_window = config.force_window_steps
+        kinematics_delay, force_delay = (
+            rates.physics_steps(round(delay_ms * 1e6)) for delay_ms in (config.kinematics_delay_ms, config.force_delay_ms)
+        )
         noise = partial(_add_noise, config.force_noise_n) if config.force_noise_n else None
         channels = {
-            "tip": observable.Generic(lambda physics: physics.body.tip_in_world(), delay=config.kinematics_delay_steps),
-            "tip_velocity": observable.Generic(
-                lambda physics: physics.body.tip_velocity_in_world(), delay=config.kinematics_delay_steps
-            ),
+            "tip": observable.Generic(lambda physics: physics.body.tip_in_world(), delay=kinematics_delay),
+            "tip_velocity": observable.Generic(lambda physics: physics.body.tip_velocity_in_world(), delay=kinematics_delay),
             "force": observable.Generic(
                 lambda physics: physics.body.contact_force_in_world(),
-                delay=config.force_delay_steps,
+                delay=force_delay,
                 buffer_size=config.force_window_steps,
                 corruptor=noise,
             ),
@@ -82,7 +85,7 @@ class Proprioception:
             channel.enabled = True
         self._updater = Updater(
             channels,
-            physics_steps_per_control_step=physics_steps_per_control,
+            physics_steps_per_control_step=rates.physics_steps_per_control,
             strip_singleton_buffer_dim=True,
             # Otherwise the readings before the first delayed arrival would be zeros.
             pad_with_initial_value=True,

@@ -38,10 +38,13 @@ class StageTimer:
             with self._lock:
                 self._lap_s[stage] += own_s
 
-    def complete(self, stage: str) -> None:
-        """Close the stage's running sample, if any part of it was measured."""
-        if stage in self._parts_s:
-            self._samples_s[stage].append(self._parts_s.pop(stage))
+    def complete(self, stage: str) -> float:
+        """Close the stage's running sample, if any part of it was measured, and return it in seconds; 0 if none was."""
+        if stage not in self._parts_s:
+            return 0.0
+        sample_s = self._parts_s.pop(stage)
+        self._samples_s[stage].append(sample_s)
+        return sample_s
 
     def add(self, stage: str, seconds: float) -> None:
         """Add a whole sample that was measured elsewhere; from any thread."""

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.envs.loop.timing.log import TimingLog
 from laploop.envs.recording.recorder import DepthRecord, Recorder, TickRecord
 from laploop.perception.geometry import Rig
 
@@ -25,6 +26,7 @@ class EpisodeLog(Recorder):
     def __init__(self) -> None:
         self.rig: Rig | None = None
         self.ticks: list[TickRecord] = []
+        self.times = TimingLog()
         self._kept: list[DepthRecord] = []
         self._stride = 1
         self._depth_count = 0
@@ -48,6 +50,10 @@ class EpisodeLog(Recorder):
                 self._kept.append(record)
         self._newest = record
         self._depth_count += 1
+
+    def timing(self, log: TimingLog) -> None:
+        """Keep the times of frames and commands."""
+        self.times = log
 
     def key_depths(self) -> tuple[DepthRecord, ...]:
         """Return the first, the middle and the last depth record; fewer, without repetition, when fewer arrived."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.envs.loop.timing.log import TimingLog
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthFrame, StripeFrame
 
@@ -76,10 +77,12 @@ class TickRecord:
     """Wall time of the stages that ran since the previous tick; a stage that did not run is absent."""
     port_force_n: Mapping[str, float] = field(default_factory=dict)
     """Lateral force of the wall around each trocar on its shaft; keys are `ARM_NAMES`, empty where there are no trocars."""
+    frame_ms: Mapping[str, float] = field(default_factory=dict)
+    """Simulated time that each stage had the newest frame that a control tick knew; keys are `FRAME_STAGES`."""
 
 
 class Recorder:
-    """Receives an episode: `begin`, then records in the order of time, then `close`.
+    """Receives an episode: `begin`, then records in the order of time, then `timing` and `close`.
 
     A subclass defines the methods it is interested in; the others do nothing, and what they would be given is not computed.
     """
@@ -105,6 +108,9 @@ class Recorder:
 
     def depth(self, record: DepthRecord) -> None:
         """Take a depth frame that has just arrived."""
+
+    def timing(self, log: TimingLog) -> None:
+        """Take the times of all frames and commands, at the end of an episode that was not interrupted."""
 
     def close(self) -> None:
         """Finish, however the episode ended; harmless when called again."""
@@ -149,6 +155,11 @@ class CompositeRecorder(Recorder):
         """Pass a depth frame on."""
         for recorder in self._recorders:
             recorder.depth(record)
+
+    def timing(self, log: TimingLog) -> None:
+        """Pass the times on."""
+        for recorder in self._recorders:
+            recorder.timing(log)
 
     def close(self) -> None:
         """Close all of them."""

@@ -7,6 +7,7 @@ import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from laploop.envs.loop.timing.log import FRAME_STAGES
 from laploop.envs.recording.recorder import STAGES
 from laploop.perception.geometry import Rig
 
@@ -44,6 +45,13 @@ PLOTS: Mapping[str, Plot] = {
     ),
     "force_n": Plot(title="Contact force [N]", series={"force": ("tip on tissue [N]", _RED)}),
     "depth_age_ms": Plot(title="Age of the newest depth frame [ms]", series={"age": ("age [ms]", _GREEN)}),
+    "frame_ms": Plot(
+        title="Age of the newest used frame by stage [ms]",
+        series={
+            stage: (f"{stage} [ms]", color)
+            for stage, color in zip(FRAME_STAGES, (_SKY, _GREY, _GREEN, _PURPLE, _ORANGE), strict=True)
+        },
+    ),
     "stage_ms": Plot(
         title="Wall time by stage [ms]",
         series={
@@ -52,6 +60,9 @@ PLOTS: Mapping[str, Plot] = {
         },
     ),
 }
+
+
+_IN_TABS = ("rcm_error_mm", "port_force_n", "depth_age_ms", "frame_ms", "stage_ms")
 
 
 def legend(rig: Rig) -> str:
@@ -121,7 +132,7 @@ def episode_blueprint(look_at: NDArray[np.float64]) -> rrb.Blueprint:
                 images,
                 plots["target_error_mm"],
                 plots["force_n"],
-                rrb.Tabs(plots["rcm_error_mm"], plots["port_force_n"], plots["depth_age_ms"], plots["stage_ms"], legend_view),
+                rrb.Tabs(*(plots[name] for name in _IN_TABS), legend_view),
                 row_shares=[4, 1, 1, 1],
             ),
             column_shares=[1, 1],

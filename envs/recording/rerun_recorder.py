@@ -11,6 +11,7 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 
+from laploop.envs.loop.timing.log import FRAME_STAGES
 from laploop.envs.recording.recorder import STAGES, DepthRecord, FrameRecord, Recorder, TickRecord
 from laploop.envs.recording.rerun_blueprint import ERROR_RANGE_MM, PLOTS, episode_blueprint, legend
 from laploop.envs.recording.rerun_scene import DrawnBody, VertexNormals, body_quaternions, drawn_bodies, log_shapes
@@ -279,6 +280,9 @@ class RerunRecorder(Recorder):
         for stage in STAGES:
             times = [(tick.now_ns, tick.stage_ms[stage]) for tick in ticks if stage in tick.stage_ms]
             self._send_scalars(f"stage_ms/{stage}", times)
+        for stage in FRAME_STAGES:
+            times = [(tick.now_ns, tick.frame_ms[stage]) for tick in ticks if stage in tick.frame_ms]
+            self._send_scalars(f"frame_ms/{stage}", times)
         index = [_times([tick.now_ns for tick in ticks])]
         targets = rr.Transform3D.columns(translation=np.stack([tick.target_in_world for tick in ticks]))
         self._stream.send_columns("world/target", index, targets)

@@ -2,10 +2,10 @@
 
 | key | space | modes | meaning |
 |---|---|---|---|
-| `stripes` | `Box(0, 255, (256, 256), uint8)` | all, stripes | newest image of the stripe camera |
+| `stripes` | `Box(0, 255, (256, 256), uint8)` | all, stripes | newest image that has arrived from the camera |
 | `depth_mm` | `Box(0, 250, (256, 256), float32)` | all, depth | newest depth map that has arrived; 0 where it is not valid |
 | `depth_valid` | `Box(0, 1, (256, 256), uint8)` | all, depth | where the estimator marks its depth valid |
-| `depth_age_s` | `Box(0, 10, (1,), float32)` | all, depth | time since that map's frame was captured |
+| `depth_age_s` | `Box(0, 10, (1,), float32)` | all, depth | time since that map's frame was captured, by its time stamp |
 | `tip_position` | `Box(-1, 1, (3,), float32)` | every | tool tip in the camera's frame, m |
 | `tip_velocity` | `Box(-1, 1, (3,), float32)` | every | its velocity, m/s |
 | `contact_force` | `Box(-50, 50, (3,), float32)` | every | force on the tip along the camera's axes, N |

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from numbers import Integral
 from typing import Any, ClassVar, Generic, TypeVar, cast
@@ -53,19 +53,18 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
     episode starts when the first depth map has arrived, so that there is always one.
 
     A task defines how its target is chosen, what it measures at every control tick, its own reward terms, and when it is over.
-    Everything else is here, in one order: action, loop, measurement, end, reward, record.
+    Everything else is here, in one order: action, loop, measurement, end, reward, record. Actions and observations:
+    `laploop.envs.tasks.actions` and `laploop.envs.tasks.observations`.
 
-    Actions and observations: `laploop.envs.tasks.actions` and `laploop.envs.tasks.observations`.
-
-    Every task terminates with `terminated_by` = `force` when the tip was pressed harder than `harm_force_n`, and with `rcm`
-    when a shaft is farther than `harm_rcm_m` off its trocar; it is truncated with `time` after `max_seconds`.
+    Every task terminates with `terminated_by` = `force` when the tip was pressed harder than `harm_force_n`, with `rcm` when a
+    shaft is farther than `harm_rcm_m` off its trocar; it is truncated with `time` after `max_seconds`.
 
     `info` holds `target_error_mm`, `rcm_error_mm` (`camera`, `tool`: worst of the period's physics steps), `port_force_n` and
     `port_friction_n` (likewise, of the trocar's wall and seal), `contact_force_n` (likewise), `depth_mae_mm` and
     `depth_valid_fraction` (both on the tissue; None while nobody uses depth maps: neither observations, the mode `residual`,
-    recorder nor a call of `control_input`), `depth_age_ms`, `sim_s`, `frames`, `dropped_frames`, `status` and
-    `status_reason` (of the inverse kinematics), `fault` (why the command was not followed, or None), `injected_faults`,
-    `assessed` (whether the task counts this tick), `success`, `terminated_by`, `reward_terms`.
+    recorder nor a call of `control_input`), `depth_age_ms`, `sim_s`, `frames`, `dropped_frames`, `frame_times` (`FrameTimes` of
+    the newest frame that a control tick knew, or None), `status` and `status_reason` (of the inverse kinematics), `fault` (why
+    the command was not followed, or None), `injected_faults`, `assessed`, `success`, `terminated_by`, `reward_terms`.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  Gymnasium's own convention
@@ -120,12 +119,11 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             controller = make_controller(task_spec(self.task).controller, self.loop.rig)
         self._interpreter = ActionInterpreter(self.config, self.loop, controller, yields=not self.moves_scope)
         self.action_space = action_space(self.config)
-        size = scope.height, scope.width
-        self.observation_space = observation_space(mode, size, self.extra_spaces())
+        self.observation_space = observation_space(mode, (scope.height, scope.width), self.extra_spaces())
         self._running = False
         self._target: SurfacePoint | None = None
         self._touched: tuple[int, SurfacePoint, Array, Array] | None = None  # time, target, its normal and place then
-        self.target_pixel: Array = np.full(2, np.nan)
+        self.target_pixel = np.full(2, np.nan)
         self._measured: tuple[ServedFrame, bool] | None = None
         self._depth_mae_mm: float | None = None
         self._depth_valid_fraction: float | None = None
@@ -336,7 +334,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         return None
 
     def _observation(self) -> Observation:
-        mode, served, newest = self.config.observation_mode, self.loop.newest_served, self.loop.newest_captured
+        mode, served, newest = self.config.observation_mode, self.loop.newest_served, self.loop.newest_arrived
         if served is None or newest is None:
             raise SimulationError("no frame yet")
         known = self.loop.control_input(self.target_pixel, with_depth=False)
@@ -374,6 +372,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             "sim_s": self.loop.now_ns * 1e-9,
             "frames": self.loop.frame_count,
             "dropped_frames": self.loop.dropped_frames,
+            "frame_times": None if (newest := self.loop.timing_log.newest_used) is None else asdict(newest),
             "status": str(status),
             "status_reason": self.loop.status_reason,
             "fault": self._interpreter.fault,
@@ -396,5 +395,6 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
                     contact_force_n=info["contact_force_n"],
                     depth_age_ms=info["depth_age_ms"],
                     stage_ms=self.loop.timer.lap_ms(),
+                    frame_ms=self.loop.timing_log.newest_ms(),
                 )
             )

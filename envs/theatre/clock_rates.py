@@ -65,3 +65,7 @@ class ClockRates:
     def physics_steps_per_control(self) -> int:
         """Number of physics steps in a control period."""
         return self.control_ns // self.physics_ns
+
+    def physics_steps(self, time_ns: int) -> int:
+        """Return a time as whole physics steps, rounded up."""
+        return -(-time_ns // self.physics_ns)

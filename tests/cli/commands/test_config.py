@@ -11,7 +11,8 @@ from laploop.cli.main import main
 from laploop.cli.tree import leaves, option_name
 from laploop.configuration import from_plain, to_plain
 from laploop.envs.episode_config import EpisodeConfig
-from laploop.envs.loop.latency import LognormalLatency, TraceLatency
+from laploop.envs.loop.timing.config import TimingConfig
+from laploop.envs.loop.timing.latency import ConstantLatency, GammaLatency, LognormalLatency, TraceLatency
 from laploop.envs.tasks.registry import TASKS
 
 
@@ -50,8 +51,8 @@ def test_fields_are_explained_with_bounds_and_unit(capsys):
     main(["config", "--task", "track"])
     text = capsys.readouterr().out.replace("\n# ", " ")
     assert "Frames a second; a period of whole physics steps. (0.5 to 1000 Hz)\ncamera_hz = 25.0" in text
-    assert "keeps nobody busy. (0 to 5000 ms)\ntransfer_ms = 0.0" in text
-    assert '(one of constant, lognormal, trace)\nkind = "constant"' in text
+    assert "From the end of the exposure to the frame's departure from the camera. (0 to 5000 ms)\nreadout_ms = 0.0" in text
+    assert '(one of constant, normal, lognormal, gamma, trace, measured)\nkind = "constant"' in text
     assert 'max_speed_rad_s = "none"' in text
 
 
@@ -86,12 +87,27 @@ def test_paths_come_before_short_options_and_these_before_the_file(config, tmp_p
 
 def test_times_are_given_in_milliseconds_and_jitter_can_be_chosen(config, tmp_path):
     episode = config("--perception-latency-ms", 12.5, "--transfer-latency-ms", "60")
-    assert (episode.task.loop.latency.latency_ms, episode.task.loop.transfer_ms) == (12.5, 60.0)
-    latency = config("--loop.latency.kind", "lognormal", "--loop.latency.sigma", 0.4).task.loop.latency
-    assert latency == LognormalLatency(median_ms=40.0, sigma=0.4)
+    timing = episode.task.loop.timing
+    assert (timing.service.latency_ms, timing.transfer.latency_ms) == (12.5, 60.0)
+    timing = config("--loop.timing.compute.kind", "gamma", "--loop.timing.compute.sd-ms", 0.4).task.loop.timing
+    assert timing == TimingConfig(compute=GammaLatency(sd_ms=0.4))
     (tmp_path / "trace.csv").write_text("latency_ms\n38.4\n40\n")
-    assert config("--latency-trace", tmp_path / "trace.csv").task.loop.latency == TraceLatency(latencies_ms=(38.4, 40.0))
-    assert config("--loop.latency.kind", "trace", "--loop.latency.latencies-ms", 1, 2).task.loop.latency.latencies_ms == (1, 2)
+    timing = config("--latency-trace", tmp_path / "trace.csv", "--compute-trace", tmp_path / "trace.csv").task.loop.timing
+    assert timing.service == timing.compute == TraceLatency(latencies_ms=(38.4, 40.0))
+    words = ("--loop.timing.transfer.kind", "trace", "--loop.timing.transfer.latencies-ms", 1, 2)
+    assert config(*words).task.loop.timing.transfer.latencies_ms == (1, 2)
+
+
+def test_earlier_names_of_the_timing_still_work(config, tmp_path):
+    episode = config("--loop.latency.kind", "lognormal", "--loop.latency.sigma", 0.4, "--task.loop.transfer_ms", 12)
+    timing = episode.task.loop.timing
+    assert timing == TimingConfig(service=LognormalLatency(sigma=0.4), transfer=ConstantLatency(latency_ms=12.0))
+    (tmp_path / "old.toml").write_text(
+        "[task.loop]\ntransfer_ms = 12.0\nphysics_hz = 250\n[task.loop.latency]\nkind = 'lognormal'\nsigma = 0.4\n"
+        "[task.loop.proprioception]\nforce_delay_steps = 3\n"
+    )
+    loop = config("--config", tmp_path / "old.toml").task.loop
+    assert (loop.timing, loop.proprioception.force_delay_ms) == (timing, 12.0)
 
 
 def test_every_kind_of_field_can_be_given(config):
@@ -159,6 +175,10 @@ def test_help_and_configuration_load_nothing_that_computes(command):
         (b"[perception]\nname = 3\n", "bad.toml: perception.name is 3; allowed: text"),
         (b"perception = 3\n", "bad.toml: perception is 3"),
         (b"loop = 3\n", "bad.toml: task.loop is 3"),
+        (
+            b"loop.transfer_ms = 3\nloop.timing.transfer.latency_ms = 3\n",
+            "loop.transfer_ms is {'kind': 'constant', 'latency_ms': 3}",
+        ),
         (b"loop.camera_hs = 3\n", "bad.toml: task: unknown field 'loop.camera_hs'; did you mean 'camera_hz'?"),
         (b"[task.lop]\ncamera_hz = 3\n", "bad.toml: task: unknown field 'lop'; did you mean 'loop'?"),
         (b'[controller]\nname = "os:getcwd"\n', "bad.toml: controller.name is 'os:getcwd'; allowed: no module:Class"),

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from pyarrow import parquet
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.cli.main import main
@@ -50,8 +51,9 @@ def short_run(tmp_path_factory):
     return out
 
 
-def test_run_leaves_recording_figure_and_summary_and_nothing_else(short_run):
-    assert sorted(path.name for path in short_run.iterdir()) == ["episode.png", "recording.rrd", "summary.json"]
+def test_run_leaves_recording_figure_tables_and_summary_and_nothing_else(short_run):
+    names = sorted(path.name for path in short_run.iterdir())
+    assert names == ["episode.png", "recording.rrd", "summary.json", "ticks.parquet", "timing.csv"]
     assert (short_run / "episode.png").read_bytes().startswith(b"\x89PNG")
     assert (short_run / "recording.rrd").read_bytes().startswith(b"RRF2")
 
@@ -80,6 +82,28 @@ def test_a_summary_repeats_its_run_to_the_same_bits(tmp_path, options):
     for name in ("wall_s", "real_time_factor", "stage_ms"):
         del one[name], other[name]
     assert one == other
+
+
+def test_a_measured_run_is_repeated_by_its_traces_to_the_same_bits(tmp_path):
+    first, second = tmp_path / "first", tmp_path / "second"
+    run = ["run", "--perception", "oracle", "--seconds", "0.25", "--no-rerun", "--seed", "4"]
+    measured = ["--loop.timing.service.kind", "measured", "--loop.timing.compute.kind", "measured"]
+    assert main([*run, *measured, "--out", str(first)]) == 0
+    traces = ["--latency-trace", str(first / "service_trace.csv"), "--compute-trace", str(first / "compute_trace.csv")]
+    assert main([*run, *traces, "--out", str(second)]) == 0
+    assert (first / "timing.csv").read_text() == (second / "timing.csv").read_text()
+    assert parquet.read_table(first / "ticks.parquet").equals(parquet.read_table(second / "ticks.parquet"))
+    # Seven frames, of 0 to 240 ms.
+    assert len((first / "timing.csv").read_text().splitlines()) == 1 + 7
+    assert not (second / "service_trace.csv").exists()
+
+
+def test_the_times_are_written_as_a_trace_where_that_is_wanted(tmp_path, capsys):
+    run = ["run", "--perception", "oracle", "--seconds", "0.1", "--no-rerun", "--out", str(tmp_path / "out")]
+    assert main([*run, "--trace-out", str(tmp_path / "trace.json")]) == 0
+    assert json.loads((tmp_path / "trace.json").read_text())["traceEvents"]
+    assert main([*run, "--trace-out", str(tmp_path / "trace.txt")]) == 2
+    assert "trace.txt'; allowed: the path of a .json file" in capsys.readouterr().err
 
 
 def test_results_are_shown_on_the_standard_output(tmp_path, capsys):
@@ -121,13 +145,15 @@ def test_value_that_is_not_allowed_is_named_with_what_is(tmp_path, capsys, optio
         (["track"], "unexpected 'track'; every value follows the name of its option"),
         (["--camera-hz", "50"], "unknown option --camera-hz; did you mean --loop.camera-hz?"),
         (["--loop.camera_hs", "50"], "unknown option --loop.camera_hs; did you mean --loop.camera-hz?"),
-        (["--loop.latency", "50"], "--loop.latency is a table; its fields: --loop.latency.kind, --loop.latency.latency-ms"),
+        (["--loop.latency", "50"], "--loop.latency is a table; its fields: --loop.timing.service.kind, --loop.timing.service."),
         (["--loop.camera-hz"], "--loop.camera-hz needs a value: 0.5 to 1000"),
         (["--loop.camera-hz", "fast"], "task.loop.camera_hz is 'fast'; allowed: 0.5 to 1000"),
         (["--loop.camera-hz", "30"], "task.loop.camera_hz is 30.0; allowed: a period of whole physics steps of 2 ms"),
         (["--loop.device", "tpu"], "task.loop.device is 'tpu'; allowed: cpu, cuda, or a number behind it as in cuda:0"),
-        (["--loop.latency.kind", "normal"], "unknown kind of loop.latency 'normal'; did you mean 'lognormal'?"),
-        (["--loop.latency.sigma", "1"], "unknown field 'loop.latency.sigma'; available: kind, latency_ms"),
+        (["--loop.latency.kind", "norm"], "unknown kind of loop.timing.service 'norm'; did you mean 'normal'?"),
+        (["--loop.timing.service.sigma", "1"], "unknown field 'loop.timing.service.sigma'; available: kind, latency_ms"),
+        (["--loop.timing.capacity", "3"], "task.loop.timing.capacity is 3; allowed: 1 with the queue newest-wins"),
+        (["--loop.timing.exposure-ms", "41"], "timing.exposure_ms is 41.0; allowed: at most the camera period, 40 ms"),
         (["--loop.faults", "x"], "task.loop.faults.0 is 'x'"),
     ],
 )
@@ -150,14 +176,14 @@ def test_the_folder_must_be_given(capsys):
 
 
 def test_folder_that_cannot_be_written_is_refused_before_the_episode(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(episode, "run_episode", lambda *_: pytest.fail("the episode was run"))
+    monkeypatch.setattr(episode, "run_episode", lambda *_, **__: pytest.fail("the episode was run"))
     (tmp_path / "file").write_text("")
     assert main(["run", "--perception", "oracle", "--out", str(tmp_path / "file" / "out")]) == 2
     assert "cannot write" in capsys.readouterr().err
 
 
 def test_interrupted_run_leaves_nothing(tmp_path, capsys, monkeypatch):
-    def interrupted(*_):
+    def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(episode, "run_episode", interrupted)
@@ -185,8 +211,8 @@ def test_episode_that_breaks_off_keeps_its_recording_and_says_so(tmp_path, capsy
 
     whole = episode.run_episode
 
-    def run_episode(config, recorder, progress):
-        return whole(config, recorder, progress, controller=Breaks(Rig.from_optics(ScopeOptics())))
+    def run_episode(config, recorder, progress, **more):
+        return whole(config, recorder, progress, **more, controller=Breaks(Rig.from_optics(ScopeOptics())))
 
     monkeypatch.setattr(episode, "run_episode", run_episode)
     out = tmp_path / "out"

@@ -9,9 +9,10 @@ import pytest
 from laploop.envs.loop import closed_loop
 from laploop.envs.loop.faults import Fault
 from laploop.envs.loop.kinematic_errors import KinematicErrors
-from laploop.envs.loop.latency import ConstantLatency, TraceLatency
 from laploop.envs.loop.perception_server import PerceptionServer
 from laploop.envs.loop.proprioception import Proprioception
+from laploop.envs.loop.timing.config import TimingConfig
+from laploop.envs.loop.timing.latency import ConstantLatency, TraceLatency
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.tasks.reach import ReachEnv
 from laploop.envs.theatre.actuation import ActuationConfig
@@ -96,7 +97,9 @@ def test_frames_are_captured_once_a_camera_period_and_carry_the_pose_of_that_tim
 
 
 def test_depth_ages_until_the_next_frame_has_been_transferred_and_served(task_env):
-    env = task_env("reach", latency=ConstantLatency(latency_ms=36.0), transfer_ms=12.0)
+    env = task_env(
+        "reach", timing=TimingConfig(service=ConstantLatency(latency_ms=36.0), transfer=ConstantLatency(latency_ms=12.0))
+    )
     _, info = env.reset(seed=3)
     # The frame of time 0 is there at 12 + 36 = 48 ms, at the end of a control period, and seen in it.
     assert (info["sim_s"], info["depth_age_ms"]) == (0.048, 48.0)
@@ -106,7 +109,7 @@ def test_depth_ages_until_the_next_frame_has_been_transferred_and_served(task_en
 
 
 def test_a_frame_that_is_ready_after_a_control_tick_waits_for_the_next(task_env):
-    env = task_env("reach", latency=ConstantLatency(latency_ms=48.000001))
+    env = task_env("reach", timing=TimingConfig(service=ConstantLatency(latency_ms=48.000001)))
     _, info = env.reset(seed=3)
     # A nanosecond too late for the tick at 48 ms.
     assert (info["sim_s"], info["depth_age_ms"]) == (0.056, 56.0)
@@ -122,7 +125,7 @@ def test_before_the_first_frame_has_arrived_there_is_none(task_env, monkeypatch)
 
 
 def test_a_slow_perception_serves_the_newest_frame_and_drops_those_it_overtook(task_env):
-    env = task_env("reach", latency=ConstantLatency(latency_ms=100.0))
+    env = task_env("reach", timing=TimingConfig(service=ConstantLatency(latency_ms=100.0)))
     env.reset(seed=3)
     loop, served = env.loop, [env.loop.newest_served]
     for _ in range(40):
@@ -239,7 +242,7 @@ def test_time_runs_in_whole_control_periods(task_env):
 
 def test_a_perception_that_never_answers_is_an_error(task_env, monkeypatch):
     monkeypatch.setattr(closed_loop, "MAX_WAIT_NS", 60 * MS)
-    env = task_env("reach", latency=ConstantLatency(latency_ms=200.0))
+    env = task_env("reach", timing=TimingConfig(service=ConstantLatency(latency_ms=200.0)))
     with pytest.raises(SimulationError, match="no depth frame arrived"):
         env.reset(seed=3)
 
@@ -266,7 +269,7 @@ def test_the_theatre_is_the_one_of_the_loops_configuration(task_env):
 
 def test_two_loops_of_one_configuration_do_not_share_their_place_in_a_trace(task_env):
     trace = TraceLatency(latencies_ms=(40.0, 80.0, 120.0))
-    one, other = task_env("reach", latency=trace), task_env("reach", latency=trace)
+    one, other = (task_env("reach", timing=TimingConfig(service=trace)) for _ in range(2))
     ages = []
     for env in (one, other, one):
         _, info = env.reset(seed=3)

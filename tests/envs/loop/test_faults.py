@@ -27,7 +27,11 @@ def frame(index, marker_pixel=None):
     estimate = DepthEstimate(depth_mm=np.full((20, 30), 90.0, np.float32), valid=np.ones((20, 30), bool))
     captured_ns = index * 40_000_000
     captured = SimpleNamespace(
-        index=index, captured_ns=captured_ns, world_from_camera=np.eye(4), marker_pixel=lambda _: marker_pixel
+        index=index,
+        captured_ns=captured_ns,
+        time_stamp_ns=captured_ns,
+        world_from_camera=np.eye(4),
+        marker_pixel=lambda _: marker_pixel,
     )
     pending = SimpleNamespace(wait=lambda: estimate)
     return ServedFrame(captured=captured, available_ns=captured_ns + 40_000_000, estimate=pending)

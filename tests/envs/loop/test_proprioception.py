@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from laploop.envs.loop.proprioception import Proprioception, ProprioceptionConfig
+from laploop.envs.theatre.clock_rates import ClockRates
 from laploop.errors import InvalidValueError
 
 
@@ -23,7 +24,7 @@ class Body:
 
 def run(config, periods=5, seed=0, body=None):
     body = body or Body()
-    channels = Proprioception(body, config, physics_steps_per_control=4)
+    channels = Proprioception(body, config, ClockRates())
     channels.reset(np.random.RandomState(seed))
     readings = []
     for _ in range(periods):
@@ -39,8 +40,9 @@ def test_without_delay_the_newest_state_is_read():
     assert [reading.tip_in_world[0] for reading in run(ProprioceptionConfig())] == [4.0, 8.0, 12.0, 16.0, 20.0]
 
 
-def test_a_delay_is_counted_in_physics_steps_and_starts_with_the_first_reading_not_with_zeros():
-    readings = run(ProprioceptionConfig(kinematics_delay_steps=6, force_delay_steps=6))
+def test_a_delay_is_rounded_up_to_physics_steps_and_starts_with_the_first_reading_not_with_zeros():
+    # 10.1 ms are six steps of 2 ms.
+    readings = run(ProprioceptionConfig(kinematics_delay_ms=10.1, force_delay_ms=12.0))
     assert [reading.tip_in_world[0] for reading in readings] == [0.0, 2.0, 6.0, 10.0, 14.0]
     assert readings[0].contact_force_in_world[2] == 2.0
 
@@ -65,7 +67,7 @@ def test_force_noise_is_seeded():
     assert first[2] != 2.0
 
 
-@pytest.mark.parametrize("name", ["kinematics_delay_steps", "force_delay_steps", "force_noise_n", "force_window_steps"])
+@pytest.mark.parametrize("name", ["kinematics_delay_ms", "force_delay_ms", "force_noise_n", "force_window_steps"])
 def test_negative_values_are_refused(name):
     with pytest.raises(InvalidValueError, match=name):
         ProprioceptionConfig(**{name: -1})

@@ -103,6 +103,7 @@ def tick_record(index):
         contact_force_n=0.1 * index,
         depth_age_ms=None if index < 10 else 48.0,
         stage_ms={"physics": 2.0, "control": 0.3},
+        frame_ms={} if index < 10 else {"transfer": 7.0, "service": 40.0},
     )
 
 
@@ -175,6 +176,8 @@ def test_every_promised_entity_is_in_the_recording(tmp_path):
         "/plots/port_force_n/tool",
         "/plots/force_n/force",
         "/plots/depth_age_ms/age",
+        "/plots/frame_ms/transfer",
+        "/plots/frame_ms/service",
         "/plots/stage_ms/physics",
     } <= entities
 

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from laploop.envs.loop.latency import ConstantLatency
+from laploop.envs.loop.timing.config import TimingConfig
+from laploop.envs.loop.timing.latency import ConstantLatency
 from laploop.envs.tasks.configs import ReachConfig
 from laploop.envs.tasks.reach import ReachEnv
 from laploop.envs.tasks.registry import environment_id
@@ -66,7 +67,7 @@ def test_an_episode_starts_with_a_depth_map_of_known_age(env):
 
 
 def test_an_episode_without_latency_starts_at_once(task_env):
-    _, info = task_env("reach", latency=ConstantLatency(latency_ms=0.0)).reset(seed=5)
+    _, info = task_env("reach", timing=TimingConfig(service=ConstantLatency(latency_ms=0.0))).reset(seed=5)
     assert info["sim_s"] == info["depth_age_ms"] == info["contact_force_n"] == 0.0
 
 

@@ -63,9 +63,9 @@ def test_every_task_is_measured_with_an_ideal_arm_and_a_real_one():
 
 def test_tracking_is_measured_at_100_ms_of_latency():
     for campaign in CAMPAIGNS:
-        if campaign.episode.task == "track":
-            loop = campaign.episode.task_config().loop
-            assert loop.transfer_ns + loop.latency.latency_ns == 100_000_000
+        if campaign.episode.task.kind == "track":
+            timing = campaign.episode.task.loop.timing
+            assert timing.transfer.latency_ms + timing.service.latency_ms == 100.0
 
 
 def test_comparisons_name_campaigns_that_exist():

@@ -6,7 +6,7 @@ import pytest
 
 from laploop.cli.main import main
 from laploop.envs.episode import EpisodeConfig
-from laploop.envs.loop.latency import TraceLatency
+from laploop.envs.loop.timing.latency import TraceLatency
 from laploop.errors import InvalidValueError, MissingFileError, UnknownNameError
 from laploop.studies.timing.speed import SpeedResult, measure_speed, trace_csv
 from laploop.studies.timing.speed_config import SpeedConfig
@@ -42,7 +42,7 @@ def test_trace_is_replayed_to_the_nanosecond(tmp_path):
 def test_episode_takes_a_trace_in_place_of_the_constant(tmp_path):
     path = tmp_path / "latency_trace.csv"
     path.write_text("frame,latency_ms\n0,12.5\n")
-    latency = EpisodeConfig.of(latency_trace=path).task.loop.latency
+    latency = EpisodeConfig.of(latency_trace=path).task.loop.timing.service
     assert next(latency.samples_ns(np.random.default_rng(0))) == 12_500_000
     with pytest.raises(MissingFileError, match="latency trace"):
         EpisodeConfig.of(latency_trace=tmp_path / "none.csv")

@@ -3,7 +3,14 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from laploop.envs.loop.latency import ConstantLatency, LognormalLatency, TraceLatency
+from laploop.envs.loop.timing.latency import (
+    ConstantLatency,
+    GammaLatency,
+    LognormalLatency,
+    NormalLatency,
+    TraceLatency,
+    measured_ns,
+)
 from laploop.errors import InvalidValueError, LaploopError, MissingFileError
 
 
@@ -21,6 +28,51 @@ def test_lognormal_latency_has_its_median_and_repeats_with_the_seed():
     # The median's standard error is 1.25 * sigma / sqrt(n) = 0.6 %.
     assert np.median(samples) == pytest.approx(1_000_000, rel=0.03)
     assert samples[:5] == drawn(latency, 5)
+
+
+def test_normal_and_gamma_latencies_have_their_mean_and_spread_and_repeat_with_the_seed():
+    for latency in (NormalLatency(mean_ms=10.0, sd_ms=2.0), GammaLatency(mean_ms=10.0, sd_ms=2.0)):
+        samples = np.array(drawn(latency, 4000)) * 1e-6
+        # Standard errors: of the mean 2 / sqrt(4000) = 0.03 ms, of the deviation about 0.7 of that.
+        assert samples.mean() == pytest.approx(10.0, abs=0.13)
+        assert samples.std() == pytest.approx(2.0, abs=0.12)
+        assert drawn(latency, 5) == drawn(latency, 5) != drawn(latency, 5, seed=1)
+        assert latency.typical_ns == 10_000_000
+    # A gamma distribution is skewed by twice the ratio of deviation and mean, a normal one not.
+    assert ((samples - samples.mean()) ** 3).mean() / samples.std() ** 3 == pytest.approx(0.4, abs=0.2)
+
+
+def test_random_latencies_are_cut_at_0_and_at_their_maximum():
+    samples = drawn(NormalLatency(mean_ms=1.0, sd_ms=2.0, max_ms=2.5), 500)
+    assert (min(samples), max(samples)) == (0, 2_500_000)
+
+
+def test_a_latency_is_held_with_its_probability():
+    samples = np.array(drawn(LognormalLatency(sigma=0.5, hold_probability=0.75), 4000))
+    held = (np.diff(samples) == 0).mean()
+    # The standard error is sqrt(0.75 * 0.25 / 4000) = 0.7 %.
+    assert held == pytest.approx(0.75, abs=0.03)
+    assert (np.diff(drawn(LognormalLatency(sigma=0.5), 100)) != 0).all()
+
+
+def test_a_trace_that_is_replayed_once_says_when_it_is_over_and_how_long_it_is():
+    samples = TraceLatency(latencies_ms=(1.0, 2.0, 3.0), order="in-order").samples_ns(np.random.default_rng(0))
+    assert [next(samples) for _ in range(3)] == [1_000_000, 2_000_000, 3_000_000]
+    with pytest.raises(InvalidValueError, match=r"order of the latency trace is 'in-order'; allowed: .* the trace has 3 times"):
+        next(samples)
+
+
+def test_a_shuffled_trace_gives_every_time_once_a_pass_in_an_order_of_the_seed():
+    trace = TraceLatency(latencies_ms=tuple(float(ms) for ms in range(20)), order="shuffle")
+    first, second = np.reshape(drawn(trace, 40), (2, 20))
+    assert sorted(first) == sorted(second) == [ms * 1_000_000 for ms in range(20)]
+    assert list(first) != list(second)
+    assert drawn(trace, 40) == drawn(trace, 40) != drawn(trace, 40, seed=1)
+
+
+def test_a_measured_time_is_one_that_a_trace_can_hold():
+    assert measured_ns(0.0123456789) == 12_345_679
+    assert measured_ns(9.0) == 5_000_000_000
 
 
 def test_a_trace_is_replayed_in_order_and_starts_over():
@@ -83,6 +135,11 @@ def test_a_missing_trace_is_named(tmp_path):
         (ConstantLatency, {"latency_ms": float("nan")}),
         (LognormalLatency, {"sigma": -0.1}),
         (LognormalLatency, {"median_ms": 0.0}),
+        (NormalLatency, {"sd_ms": -1.0}),
+        (NormalLatency, {"hold_probability": 1.0}),
+        (GammaLatency, {"mean_ms": 0.0}),
+        (LognormalLatency, {"max_ms": 6000.0}),
+        (TraceLatency, {"order": "backwards", "latencies_ms": (1.0,)}),
         (TraceLatency, {"latencies_ms": ()}),
         (TraceLatency, {"latencies_ms": (3.0, -1.0)}),
     ],
