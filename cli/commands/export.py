@@ -20,8 +20,8 @@ _MODELS = "{" + ",".join(NETWORKS.names()) + "}"
 class ExportArguments:
     """Write a depth network as ONNX, for runtimes other than torch.
 
-    Writes `MODEL.onnx` (input `image`: 1 x 256 x 256 float32, grey values 0-255; outputs `depth_mm` and, where
-    the network gives them, `confidence` and `slip`) and `summary.json`. Needs `pip install 'laploop[onnx]'`. With `--average`, writes
+    Writes `MODEL.onnx` (input `image`: 1 x 256 x 256 float32, grey values 0-255; outputs `depth_mm` and, where the network
+    knows them, `confidence` and `slip`) and `summary.json`. Needs `pip install 'laploop[onnx]'`. With `--average`, writes
     `MODEL.safetensors` instead.
     """
 

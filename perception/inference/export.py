@@ -1,8 +1,8 @@
 """Export of depth networks to ONNX, for runtimes other than torch.
 
 The file has one input, `image` (1, height, width) float32 with grey values 0-255, and the outputs `depth_mm` and, where the
-network knows them, `confidence` and `slip`, each (1, height, width) float32. The rig's geometry is part of the file, so that a network for
-another rig is another file.
+network knows them, `confidence` and `slip`, each (1, height, width) float32. The rig's geometry is part of the file, so that a
+network for another rig is another file.
 """
 
 import logging
