@@ -58,11 +58,14 @@ class CompactOptions(StageOptions):
 
     size: Literal["small", "tiny"] = "small"
     """`small` is the usual one, `tiny` for a try."""
+    start: Path | None = None
+    """Weights of a trained network to go on from."""
 
     def chosen(self, networks: Named, trainings: Named) -> dict[str, Any]:
         """Return the arguments of the training by name."""
         usual = trainings[self.size]
-        return {"config": networks[self.size], "training": replace(usual, schedule=self.last(usual.schedule))}
+        training = replace(usual, schedule=self.last(usual.schedule))
+        return {"config": networks[self.size], "training": training, "start": self.start}
 
 
 @configuration

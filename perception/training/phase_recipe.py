@@ -1,6 +1,8 @@
 """Common part of the trainings of networks that read the stripes' phase: augmentation, loss, validation."""
 
+import hashlib
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -8,12 +10,14 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from laploop.configuration import to_plain
+from laploop.errors import check_file
 from laploop.perception.data.datasets import DepthDataset
 from laploop.perception.networks.depth_network import PhaseOutput
 from laploop.perception.networks.phase_front import RigBatch, rig_numbers
 from laploop.perception.training.augmentation import painted
 from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, flip_and_gain
 from laploop.perception.training.settings import PhaseTraining
+from laploop.perception.weights import load_weights
 from laploop.perception.working_range import WORKING_RANGE_MM
 
 _LEARNED_MM = (56.0, 160.0)
@@ -26,14 +30,15 @@ _WITHIN_MM = 1.0
 class PhaseRecipe(Recipe):
     """Every sample brings its rig."""
 
-    def __init__(self, training: PhaseTraining) -> None:
+    def __init__(self, training: PhaseTraining, origin: str = "random") -> None:
+        """Take the settings, and where the weights to begin with come from, in words."""
         self.training = training
         self.schedule = training.schedule
         self.gain_range = training.gain_range
         plain = to_plain(training)
         # Its length may be changed on resume.
         del plain["schedule"]
-        self.settings = plain
+        self.settings = {**plain, "first weights": origin}
 
     def extras(self, dataset: DepthDataset, index: int) -> Sample:
         """Return the numbers of the frame's rig."""
@@ -67,6 +72,25 @@ class PhaseRecipe(Recipe):
         with self.autocast(batch["image"].device):
             output: PhaseOutput = self.network(batch["image"], rigs_of(batch))
         return output
+
+
+def existing_weights(path: Path | None) -> Path | None:
+    """Return the path of weights to begin with, if there is one; a `MissingFileError` if there is nothing at it."""
+    return None if path is None else check_file("weights", path, "give another path, or train them with `laploop train`")
+
+
+def origin_of(weights: Path | None) -> str:
+    """Say which file weights to begin with come from, so that no other is taken on resume."""
+    return "random" if weights is None else f"file {hashlib.sha256(weights.read_bytes()).hexdigest()[:16]}"
+
+
+def take_weights(recipe: Recipe, path: Path) -> None:
+    """Load weights into a recipe's network.
+
+    Raises:
+        WeightsError: If they are damaged or of another network.
+    """
+    recipe.network.load_state_dict(load_weights(path, recipe.architecture, recipe.network.state_dict())[0])
 
 
 def rigs_of(batch: Batch) -> RigBatch:

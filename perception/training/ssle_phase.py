@@ -1,6 +1,5 @@
 """Training of `ssle-phase` in two stages: its reader, which is `compact`, then the refiner around the reading."""
 
-import hashlib
 from pathlib import Path
 
 import torch
@@ -10,11 +9,10 @@ from laploop.perception.networks.configs import SslePhaseConfig
 from laploop.perception.networks.depth_network import PhaseOutput
 from laploop.perception.networks.ssle_phase import SslePhase
 from laploop.perception.training.compact import CompactRecipe
-from laploop.perception.training.phase_recipe import PhaseRecipe, rigs_of
+from laploop.perception.training.phase_recipe import PhaseRecipe, existing_weights, origin_of, rigs_of, take_weights
 from laploop.perception.training.recipe import Batch, seeded
 from laploop.perception.training.run import TrainingRun
 from laploop.perception.training.settings import SslePhaseTraining
-from laploop.perception.weights import load_weights
 
 TRAINED = "trained"
 """Where the first stage comes from, if not from a file."""
@@ -28,13 +26,13 @@ class SslePhaseRecipe(PhaseRecipe):
 
     name = "ssle-phase"
 
-    def __init__(self, config: SslePhaseConfig, training: SslePhaseTraining, first_stage: str = TRAINED) -> None:
-        """Prepare the training of the refiner; the first stage comes from `first_stage`, in words."""
-        super().__init__(training.refiner)
+    def __init__(self, config: SslePhaseConfig, training: SslePhaseTraining, start: Path | None = None) -> None:
+        super().__init__(training.refiner, origin_of(start))
         self.config = config
         self.phase = seeded(lambda: SslePhase(config), training.refiner.schedule.seed)
         self.network = self.phase
-        self.settings = {**self.settings, "first stage": first_stage}
+        if start is not None:
+            take_weights(self, start)
         self.phase.compact.requires_grad_(requires_grad=False)
         for module in self.phase.refiner.modules():
             if isinstance(module, nn.BatchNorm2d):
@@ -68,17 +66,13 @@ def train_ssle_phase(
         MissingFileError: If there are no weights at a given path.
         WeightsError: If they are damaged or of another network.
     """
-    given, origin = start or reader, TRAINED
-    if given is not None:
-        origin = f"{'reader' if start is None else 'start'} {hashlib.sha256(given.read_bytes()).hexdigest()[:16]}"
-    first = CompactRecipe(config.reader, training.reader)
-    second = SslePhaseRecipe(config, training, origin)
-    if given is not None:
-        recipe: PhaseRecipe = first if start is None else second
-        recipe.network.load_state_dict(load_weights(given, recipe.architecture, recipe.network.state_dict())[0])
+    reader, start = existing_weights(reader), existing_weights(start)
+    first = CompactRecipe(config.reader, training.reader, reader)
+    second = SslePhaseRecipe(config, training, start)
     frames = run.read(first)
-    if given is None:
-        run.fit(first, frames, "reader")
     if start is None:
+        if reader is None:
+            run.fit(first, frames, "reader")
         second.phase.compact.load_state_dict(first.network.state_dict())
+        second.settings = {**second.settings, "reader": TRAINED if reader is None else origin_of(reader)}
     return run.fit(second, frames)

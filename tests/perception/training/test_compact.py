@@ -6,6 +6,7 @@ import torch
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
+from laploop.errors import MissingFileError
 from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.estimators import make_estimator
 from laploop.perception.network_specs import NETWORKS
@@ -14,6 +15,7 @@ from laploop.perception.training.compact import CompactRecipe
 from laploop.perception.training.run import TrainingRun, train_network
 from laploop.perception.training.samples import Samples, stack
 from laploop.perception.training.settings import Machine, PhaseTraining, Schedule
+from laploop.perception.weights import load_weights
 
 OPTICS = ScopeOptics(width=128, height=128, mask=StripeMask(stripes=10))
 NETWORK = CompactConfig(width=128, height=128, widths=(16, 32))
@@ -72,3 +74,18 @@ def test_trained_network_of_any_widths_is_an_estimator(dataset, small_rig, tmp_p
     assert {file.name for file in tmp_path.iterdir()} >= {"compact.safetensors", "log.csv", "checkpoint.safetensors"}
     estimate = make_estimator("compact", small_rig, path).estimate(dataset.image(0))
     assert np.isfinite(estimate.depth_mm).all()
+
+
+def test_training_goes_on_from_trained_weights(dataset, tmp_path):
+    def trained(out, **settings):
+        run = TrainingRun(dataset=dataset, out=out, machine=Machine(accelerator="cpu", tensorboard=False), limit=2, progress=False)
+        return train_network(NETWORKS.get("compact"), run, {"config": NETWORK, **settings})
+
+    first = trained(tmp_path / "first", training=_settings(epochs=1))
+    still = _settings(epochs=1, learning_rate=1e-9, final_learning_rate=1e-9)
+    again = trained(tmp_path / "again", training=still, start=first)
+    before, after = (load_weights(path, NETWORK.architecture)[0] for path in (first, again))
+    kernel = "reader.trunk.stem.0.0.weight"
+    torch.testing.assert_close(after[kernel], before[kernel], rtol=0.0, atol=1e-6)
+    with pytest.raises(MissingFileError, match="nowhere"):
+        trained(tmp_path / "other", training=still, start=tmp_path / "nowhere.safetensors")

@@ -128,7 +128,7 @@ def test_training_goes_on_from_a_whole_network(dataset, tmp_path):
     kernel = "refiner.trunk.stem.0.0.weight"
     torch.testing.assert_close(after[kernel], before[kernel], rtol=0.0, atol=1e-6)
     assert float((fresh[kernel] - before[kernel]).abs().max()) > 1e-3
-    with pytest.raises(WeightsError, match="first stage is 'start"):
+    with pytest.raises(WeightsError, match="first weights is 'file"):
         _train(dataset, tmp_path / "again", training=still, start=again, limit=2, resume=True)
 
 
