@@ -78,7 +78,9 @@ def test_trained_network_of_any_widths_is_an_estimator(dataset, small_rig, tmp_p
 
 def test_training_goes_on_from_trained_weights(dataset, tmp_path):
     def trained(out, **settings):
-        run = TrainingRun(dataset=dataset, out=out, machine=Machine(accelerator="cpu", tensorboard=False), limit=2, progress=False)
+        run = TrainingRun(
+            dataset=dataset, out=out, machine=Machine(accelerator="cpu", tensorboard=False), limit=2, progress=False
+        )
         return train_network(NETWORKS.get("compact"), run, {"config": NETWORK, **settings})
 
     first = trained(tmp_path / "first", training=_settings(epochs=1))
