@@ -68,8 +68,16 @@ results: $(DEV)
 	for estimator in oracle $(MODELS); do for motion in still breathing; do \
 	  $(BIN)/laploop trials --perception $$estimator --motion $$motion --seeds 10 --workers 2 --out runs/trials-$$estimator-$$motion \
 	  && cp runs/trials-$$estimator-$$motion/summary.json $(RESULTS)/trials-$$estimator-$$motion.json || exit 1; done; done
-	$(BIN)/laploop synthesize --out $(FRAMES)
-	$(BIN)/laploop evaluate --dataset $(FRAMES) --models phase compact --out runs/depth && cp runs/depth/depth.json assets/weights/compact.json
+	$(BIN)/laploop synthesize --train-tissues 0 --val-tissues 0 --seed 30 --out $(FRAMES)
+	$(BIN)/laploop evaluate --dataset $(FRAMES) --models phase compact ssle-phase --out runs/depth
+	for network in compact ssle-phase; do cp runs/depth/depth.json assets/weights/$$network.json || exit 1; done
+	$(BIN)/laploop synthesize --worlds 0.75 --varied-light 0.5 --randomised-scopes 0.15 --randomised-appearances 0.3 \
+	  --large-tool-share 0.15 --ill-exposed-share 0.05 --ranges.light 0.3 2.2 --train-tissues 0 --val-tissues 36 --test-tissues 36 \
+	  --frames-per-tissue 8 --seed 23 --out runs/worlds
+	$(BIN)/laploop synthesize --held-out --worlds 1 --train-tissues 0 --val-tissues 0 --test-tissues 40 --frames-per-tissue 5 --seed 21 \
+	  --out runs/held-out
+	for set in worlds held-out; do $(BIN)/laploop evaluate --dataset runs/$$set --models phase compact ssle-phase --out runs/depth-$$set \
+	  && cp runs/depth-$$set/depth.json $(RESULTS)/depth-$$set.json || exit 1; done
 	$(BIN)/laploop characterize --out runs/characterization && cp runs/characterization/summary.json $(RESULTS)/characterization.json
 	$(BIN)/laploop calibrate --views 20 --out runs/calibration && cp runs/calibration/summary.json $(RESULTS)/calibration.json
 	$(BIN)/laploop collect --pairs 722 --out $(PAIRS) && cp $(PAIRS)/summary.json $(RESULTS)/collection.json
