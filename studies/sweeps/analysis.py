@@ -187,7 +187,7 @@ def table_markdown(sweep: Sweep, lines: Sequence[Mapping[str, Any]], more: str =
         f"{sweep.seeds} episodes a condition, {pairing}. Means with 95 % intervals; behind a semicolon, the difference from the"
     )
     rows = [f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in row)} |" for row in (head, *body)]
-    lines_of_text = [f"# {sweep.title}", "", f"{about} the first condition of the same part.", ""]
+    lines_of_text = [f"# {sweep.title}", "", f"{about} first condition of the same part.", ""]
     return "\n".join([*lines_of_text, rows[0], "|" + "---|" * len(head), *rows[1:], "", more]).rstrip() + "\n"
 
 
