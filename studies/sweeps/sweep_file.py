@@ -223,7 +223,8 @@ def _conditions(described: SweepFile, place: str, text: str, folder: Path) -> It
             first = described.first_seed + (number * described.seeds if described.pairing == "own-seeds" else 0)
             condition = Condition(group=group.name, values=values, episode=episode, first_seed=first)
             same = seen.setdefault(json.dumps(to_plain(episode), sort_keys=True), condition.name)
-            if same != condition.name:
+            # A cause that is off already is the same real and ideal, and its part of a budget nothing.
+            if same != condition.name and not switched:
                 raise InvalidValueError(place, f"{same!r} and {condition.name!r}", "conditions whose episodes differ")
             number += 1
             yield condition
