@@ -61,7 +61,9 @@ def analysis_named(name: str) -> Analysis:
 def analyse_generally(sweep: Sweep, outcomes: Sequence[Outcome]) -> Findings:
     """Draw each metric of each part over its first axis of numbers, a series for each set of the other values."""
     parts = [[one for one in outcomes if one.condition.group == group] for group in sweep.groups()]
-    charts = (metric_chart(part, metric) for part in parts for metric in sweep.metrics[:_SHOWN_METRICS])
+    charts = (
+        metric_chart(part, metric) for part in parts for metric in sweep.metrics_of(part[0].condition.group)[:_SHOWN_METRICS]
+    )
     return Findings(charts=tuple(chart for chart in charts if chart is not None))
 
 

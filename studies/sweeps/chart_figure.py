@@ -59,4 +59,9 @@ def _bars(axis: Axes, chart: Chart) -> None:
             # The interval is the value's own; a bar on a base carries it at its end.
             reach = np.abs(np.array([np.array(series.y) - series.low, np.array(series.high) - series.y]))
             axis.errorbar(places, top, yerr=reach, fmt="none", ecolor="#333333", elinewidth=1.0, capsize=2)
+    # Otherwise the ends of bars on a base stick to the axis and hide.
+    axis.use_sticky_edges = False
+    axis.margins(y=0.08)
+    if axis.get_ylim()[0] < 0.0 and all(value >= 0.0 for series in chart.series for value in series.base or series.y):
+        axis.set_ylim(bottom=0.0)
     axis.set_xticks(range(len(categories)), categories, rotation=20 if len(categories) > 4 else 0, ha="center")

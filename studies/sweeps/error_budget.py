@@ -20,7 +20,7 @@ def analyse(sweep: Sweep, outcomes: Sequence[Outcome]) -> Findings:
     budgets = [
         budget
         for group in sweep.groups()
-        for metric in sweep.metrics
+        for metric in sweep.metrics_of(group)
         if (budget := budget_of([one for one in outcomes if one.condition.group == group], metric)) is not None
     ]
     if not budgets:

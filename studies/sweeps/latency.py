@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -95,7 +96,7 @@ def _with_theory(part: Sequence[Outcome], motion: str) -> Chart:
         Series(name=name, x=delays, y=[points[delay][key] for delay in delays], kind="theory")
         for name, key in (("theory: delay and gain", "following_mm"), ("theory: delay alone", "pure_delay_mm"))
     )
-    held = [line for line in lines if "none" in line.name]
+    held = [line for line in lines if line.name == "none"]
     return Chart(
         name=f"latency-{motion}",
         title=f"RMS error against latency, tissue {'breathing and beating' if motion == 'both' else motion}",
@@ -109,7 +110,9 @@ def _with_theory(part: Sequence[Outcome], motion: str) -> Chart:
 
 def _lines(part: Sequence[Outcome]) -> list[Series]:
     """Return a series a predictor; the motion is the chart's."""
-    return [line for line in lines_over(part, LATENCY, METRIC) if line.y]
+    motion = part[0].condition.episode.motion_name()
+    lines = lines_over(part, LATENCY, METRIC)
+    return [replace(line, name=line.name.removesuffix(f", {motion}")) for line in lines if line.y]
 
 
 def _compared(one: Outcome) -> dict[str, Any] | None:

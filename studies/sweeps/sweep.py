@@ -45,6 +45,8 @@ class Sweep:
     seeds: int
     metrics: tuple[str, ...]
     """What tables and figures show; the first is the most important. Rows hold all that is measured."""
+    group_metrics: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """In place of `metrics` in figures and analyses, by part."""
     pairing: Pairing = "same-seeds"
     """Whether all conditions have the same seeds, so that differences are between equal tissues, targets and noise."""
     analysis: str = "generic"
@@ -56,6 +58,10 @@ class Sweep:
     def count(self) -> int:
         """Number of rows: an episode a condition and seed."""
         return len(self.conditions) * self.seeds
+
+    def metrics_of(self, group: str) -> tuple[str, ...]:
+        """Return what figures and analyses of a part show."""
+        return self.group_metrics.get(group, self.metrics)
 
     def groups(self) -> dict[str, list[Condition]]:
         """Return the conditions of each part, in the file's order."""

@@ -33,6 +33,12 @@ Seeds = Annotated[int, Field(ge=1, le=100_000)]
 Metrics = Annotated[tuple[str, ...], Field(min_length=1, max_length=len(METRICS))]
 
 
+def _check_metrics(names: Sequence[str]) -> None:
+    for name in names:
+        if name not in METRICS:
+            raise UnknownNameError("metric", name, METRICS)
+
+
 @configuration
 class ConditionFile:
     """A named part of a sweep."""
@@ -43,6 +49,11 @@ class ConditionFile:
     """Paths and values beside, or in place of, the base's."""
     vary: Table | None = None
     """Lists of values, crossed; by default those of the file's top."""
+    metrics: Metrics | None = None
+    """What its figures show, in place of the file's metrics."""
+
+    def __post_init__(self) -> None:
+        _check_metrics(self.metrics or ())
 
 
 @configuration
@@ -96,9 +107,7 @@ class SweepFile:
     quick: QuickFile = Field(default_factory=QuickFile)
 
     def __post_init__(self) -> None:
-        for name in self.metrics:
-            if name not in METRICS:
-                raise UnknownNameError("metric", name, METRICS)
+        _check_metrics(self.metrics)
         for kind, group in (("conditions", self.conditions), ("switches", self.switches)):
             names = [one.name for one in group]
             if doubled := {name for name in names if names.count(name) > 1}:
@@ -144,6 +153,7 @@ def read_sweep(name_or_file: str, *, quick: bool = False, seeds: int | None = No
         conditions=conditions,
         seeds=described.seeds if seeds is None else seeds,
         metrics=described.metrics,
+        group_metrics={one.name: one.metrics for one in described.conditions if one.metrics is not None},
         pairing=described.pairing,
         analysis=described.analysis,
         text=text,
