@@ -24,7 +24,7 @@ def study_block(summary: Mapping[str, Any] | None) -> str:
     machine, failed = summary["machine"], len(summary["failed"])
     episodes = sum(line["episodes"] for line in summary["conditions"])
     lines = [
-        f"{episodes} episodes, {summary['seeds']} seeds a condition, laploop {summary['versions']['laploop']}, {machine['cpu']}.",
+        f"{episodes} episodes, {summary['seeds']} a condition, laploop {summary['versions']['laploop']}, {machine['cpu']}.",
         f"`{summary['repeat']}`",
     ]
     if failed:

@@ -98,6 +98,7 @@ def test_a_dead_worker_is_replaced_once_and_then_reported(sweep_file, tmp_path, 
     assert [row["error"] for row in again[0].rows] == [None, None, None]
 
 
+@pytest.mark.filterwarnings("ignore:no report.html")
 @pytest.mark.slow  # each worker imports everything
 @pytest.mark.parametrize("engine", ["process", "ray"])
 def test_workers_give_the_same_tables_as_one(sweep_file, tmp_path, engine):
