@@ -50,7 +50,7 @@ def main(arguments: Sequence[str]) -> int:
             outcomes = run_sweep(sweep, folder.path, chosen.engine, advance_to)
         command = shlex.join(["laploop", "study", *arguments])
         results = write_results(sweep, outcomes, folder.artefact, command=command)
-        folder.write_summary(results, config=asdict(chosen), seed=sweep.conditions[0].first_seed)
+        folder.write_summary(results, config={**asdict(chosen), "sweep_file": sweep.text}, seed=sweep.conditions[0].first_seed)
     if not results["report"]:
         warnings.warn(
             "no report.html without Plotly; install the extra: pip install 'laploop[report]'", LaploopNote, stacklevel=2

@@ -30,35 +30,28 @@ class Settings:
     folder: Path
     """What files are relative to."""
 
-    @classmethod
-    def joined(cls, parts: Sequence["Settings"]) -> "Settings":
-        """Return several as one; what comes later counts, inside of tables too."""
-        values: dict[str, Any] = {}
-        for part in parts:
-            # A later value stands last, so that it is also laid over what an earlier longer path has set.
-            kept = {path: value for path, value in values.items() if path not in part.values}
-            values = {**kept, **{path: _over(values.get(path), value) for path, value in part.values.items()}}
-        return cls(values, parts[0].folder)
-
-    def episode(self) -> EpisodeConfig:
-        """Return the episode.
+    def applied_to(self, episode: EpisodeConfig) -> EpisodeConfig:
+        """Return an episode with these in place, options first.
 
         Raises:
             LaploopError: If there is no such path or option, or a value is not allowed.
         """
-        options = {name: value for name, value in self.values.items() if name in _OPTIONS and not isinstance(value, Mapping)}
         if "seed" in self.values:
             raise InvalidValueError("seed", self.values["seed"], "none here: first_seed and seeds decide which seeds there are")
+        options = self._options()
         for name in _FILES:
             if isinstance(options.get(name), str):
                 options[name] = self.folder / Path(options[name]).expanduser()
         # Not through `from_plain`, for which the prediction `none` is no prediction given.
-        episode = EpisodeOptions(**options).episode()
+        episode = EpisodeOptions(**options).applied_to(episode) if options else episode
         plain: dict[str, Any] = {}
         for path, value in self.values.items():
             if path not in options:
                 plain = merged(plain, _nested(self._full(path, episode), value))
         return episode.with_plain(plain) if plain else episode
+
+    def _options(self) -> dict[str, Any]:
+        return {name: value for name, value in self.values.items() if name in _OPTIONS and not isinstance(value, Mapping)}
 
     def _full(self, path: str, episode: EpisodeConfig) -> list[str]:
         first, *rest = path.split(".")
@@ -68,6 +61,20 @@ class Settings:
         if first not in of_task:
             raise UnknownNameError("path", path, _OPTIONS | _PARTS | of_task)
         return ["task", first, *rest]
+
+
+def episode_of(parts: Sequence[Settings]) -> EpisodeConfig:
+    """Return the default episode of the task that the last part with a task names, with all parts in place, in their order.
+
+    Raises:
+        LaploopError: If there is no such path or option, or a value is not allowed.
+    """
+    named = [{"task": part.values["task"]} for part in parts if isinstance(part.values.get("task"), str)]
+    episode = EpisodeOptions(**(named[-1] if named else {})).episode()
+    for part in parts:
+        kept = {name: value for name, value in part.values.items() if name != "task" or isinstance(value, Mapping)}
+        episode = Settings(kept, part.folder).applied_to(episode)
+    return episode
 
 
 class Axis(NamedTuple):
@@ -103,10 +110,6 @@ def check_buildable(episodes: Iterable[EpisodeConfig]) -> None:
         make_estimator(perception.name, rig, perception.weights, perception.arguments)
         if theatre.tissue.mesh is not None:
             load_phantom(theatre.tissue.mesh)
-
-
-def _over(before: Any, value: Any) -> Any:
-    return merged(before, value) if isinstance(before, Mapping) and isinstance(value, Mapping) else value
 
 
 def _nested(path: Sequence[str], value: Any) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """One episode of a study and its row."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,9 @@ def run_study_episode(episode: EpisodeConfig) -> Row:
         return failed_row(episode.seed, error)
     row = row_of(episode.seed, summary)
     del row["real_time_factor"]
+    if math.isnan(row["depth_mae_mm"]):
+        # No pixel was valid in any frame.
+        row["depth_mae_mm"] = None
     dropped = {"dropped_frames": sum(summary["dropped"].values())}
     row["metrics"] = {**row["metrics"], **_measured(episode, ticks), **dropped}
     return row

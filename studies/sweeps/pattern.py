@@ -31,8 +31,8 @@ def analyse(sweep: Sweep, outcomes: Sequence[Outcome]) -> Findings:
 def farthest_unambiguous_mm(scope: ScopeOptics, nearest_mm: float = WORKING_RANGE_MM[0]) -> float:
     """Return the depth up to which the number of a stripe follows from its phase, if nothing is nearer than a depth.
 
-    A point at depth z is lit by the stripe b / z, in tangents, beside where it is seen. So phases repeat once b / near - b / far is
-    a period. Infinite where even the farthest point is less than a period away.
+    A point at depth z is lit by the stripe b / z, in tangents, beside where it is seen. So phases repeat once
+    b / near - b / far is a period. Infinite where even the farthest point is less than a period away.
     """
     periods_per_m = scope.mask.period_tan / scope.baseline_m
     left = 1e3 / nearest_mm - periods_per_m

@@ -19,7 +19,7 @@ from pydantic import JsonValue
 
 from laploop.configuration import Field, configuration, from_plain, to_plain
 from laploop.errors import InvalidValueError, LaploopError, UnknownNameError, check_file
-from laploop.studies.sweeps.conditions import Axis, Settings, check_buildable
+from laploop.studies.sweeps.conditions import Axis, Settings, check_buildable, episode_of
 from laploop.studies.sweeps.sweep import Condition, Label, Pairing, Sweep
 from laploop.studies.sweeps.tick_metrics import METRICS
 
@@ -145,13 +145,15 @@ def read_sweep(name_or_file: str, *, quick: bool = False, seeds: int | None = No
         raise InvalidValueError(f"{where}: {named[0]}", named[1], "no module:Class from a file without --trust")
     if quick:
         described = _quick(described, place, text)
+    if seeds is not None:
+        described = dataclasses.replace(described, seeds=seeds)
     conditions = tuple(_conditions(described, place, text, folder))
     sweep = Sweep(
         name=Path(place).stem,
         title=described.title,
         about=" ".join(described.about.split()),
         conditions=conditions,
-        seeds=described.seeds if seeds is None else seeds,
+        seeds=described.seeds,
         metrics=described.metrics,
         group_metrics={one.name: one.metrics for one in described.conditions if one.metrics is not None},
         pairing=described.pairing,
@@ -227,7 +229,7 @@ def _conditions(described: SweepFile, place: str, text: str, folder: Path) -> It
             parts = [base, Settings(group.set, folder), *(settings for _, settings in chosen)]
             paths = [path for part in parts for path in part.values]
             try:
-                episode = Settings.joined(parts).episode()
+                episode = episode_of(parts)
             except LaploopError as error:
                 raise error.at(_placed(place, text, [*_mentioned(paths, str(error)), *reversed(paths)]), ": ") from None
             first = described.first_seed + (number * described.seeds if described.pairing == "own-seeds" else 0)

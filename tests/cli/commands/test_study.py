@@ -60,7 +60,7 @@ def test_the_report_asks_no_other_machine(done):
     folder, _ = done
     page = (folder / "out" / "report.html").read_text()
     assert not re.findall(r"<(?:script|link|img|iframe)[^>]+(?:src|href)=", page)
-    assert page.count("Plotly.newPlot(") == 2
+    assert page.count("Plotly.newPlot(") >= 2
     assert "laploop study" in page
 
 

@@ -45,6 +45,18 @@ def test_an_item_can_set_several_paths(sweep_file):
     assert [one.episode.task.max_seconds for one in conditions] == [0.3, 0.5, 0.3, 0.5]
 
 
+def test_what_comes_later_counts_be_it_an_option_or_a_path(sweep_file):
+    more = '\n[[conditions]]\nname = "late"\nset = {perception_latency_ms = 70.0, task = "palpate"}\n'
+    (condition, *_) = read_sweep(sweep_file(("settle_s = 0.1", ""), more=more)).conditions
+    assert condition.episode.task.loop.timing.service.latency_ms == 70.0
+    assert condition.episode.task.kind == "palpate"
+
+
+def test_seeds_have_bounds(sweep_file):
+    with pytest.raises(InvalidValueError, match="seeds is 0"):
+        read_sweep(sweep_file(), seeds=0)
+
+
 def test_quick_takes_its_own_lists_and_seeds(sweep_file):
     path = sweep_file(more=f'\n[quick]\nseeds = 1\nvary = {{"{AXIS}" = [0]}}\n')
     assert read_sweep(path).count == 8
@@ -54,10 +66,9 @@ def test_quick_takes_its_own_lists_and_seeds(sweep_file):
 
 def test_pairing_decides_the_seeds(sweep_file):
     same = read_sweep(sweep_file()).conditions
-    own = read_sweep(sweep_file(more=""), seeds=2).conditions
-    assert {one.first_seed for one in (*same, *own)} == {0}
-    own = read_sweep(sweep_file(("seeds = 2", 'seeds = 2\npairing = "own-seeds"'))).conditions
-    assert [one.first_seed for one in own] == [0, 2, 4, 6]
+    assert {one.first_seed for one in same} == {0}
+    own = read_sweep(sweep_file(("seeds = 2", 'seeds = 2\npairing = "own-seeds"')), seeds=3).conditions
+    assert [one.first_seed for one in own] == [0, 3, 6, 9]
 
 
 @pytest.mark.parametrize(
