@@ -121,6 +121,9 @@ def lines_of(sweep: Sweep, outcomes: Sequence[Outcome]) -> list[dict[str, Any]]:
         successes = sum(bool(row["success"]) for row in one.rows)
         metrics: dict[str, Any] = {}
         for metric in sweep.metrics:
+            if metric not in sweep.metrics_of(one.condition.group):
+                metrics[metric] = {"value": None, "difference": None}
+                continue
             found = estimate(one.values(metric))
             paired = sweep.pairing == "same-seeds"
             apart = None if base is one else difference(one.values(metric), base.values(metric), paired=paired)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from laploop.configuration import Field, configuration
+from laploop.configuration import Workers, configuration
 from laploop.envs.episode_config import EpisodeConfig
-from laploop.errors import WorkerError
+from laploop.errors import InvalidValueError, WorkerError
 from laploop.studies.episodes.trials import ROWS_FOLDER, Row, episode_key, failed_row, keep_row, kept_row
 from laploop.studies.sweeps.episode import run_study_episode
 from laploop.studies.sweeps.process_team import run_in_team
@@ -26,10 +26,14 @@ class Engine:
 
     engine: Literal["process", "ray"] = "process"
     """Worker processes of this machine, or a Ray cluster; one of this machine alone without an address."""
-    workers: int = Field(default=1, ge=1, le=1024)
+    workers: Workers = 1
     """Processes that run episodes at the same time; for a cluster, of one that is started here."""
     address: str | None = None
     """Of a running Ray cluster, host:port or ray://host:port."""
+
+    def __post_init__(self) -> None:
+        if self.address is not None and self.engine != "ray":
+            raise InvalidValueError("address", self.address, "none without the engine ray")
 
 
 @dataclass(frozen=True, kw_only=True)

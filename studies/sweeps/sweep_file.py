@@ -19,6 +19,7 @@ from pydantic import JsonValue
 
 from laploop.configuration import Field, configuration, from_plain, to_plain
 from laploop.errors import InvalidValueError, LaploopError, UnknownNameError, check_file
+from laploop.studies.sweeps.analysis import analysis_named
 from laploop.studies.sweeps.conditions import Axis, Settings, check_buildable, episode_of
 from laploop.studies.sweeps.sweep import Condition, Label, Pairing, Sweep
 from laploop.studies.sweeps.tick_metrics import METRICS
@@ -108,6 +109,7 @@ class SweepFile:
 
     def __post_init__(self) -> None:
         _check_metrics(self.metrics)
+        analysis_named(self.analysis)
         for kind, group in (("conditions", self.conditions), ("switches", self.switches)):
             names = [one.name for one in group]
             if doubled := {name for name in names if names.count(name) > 1}:

@@ -1,3 +1,5 @@
+import os
+import sys
 from importlib import import_module
 from importlib.util import find_spec
 
@@ -5,7 +7,7 @@ import pytest
 from pyarrow import parquet
 
 from laploop.cli.main import main
-from laploop.errors import SimulationError
+from laploop.errors import InvalidValueError, SimulationError
 from laploop.studies.episodes.trials import failed_row
 from laploop.studies.sweeps.analysis import analyse_generally, lines_of, table_csv, table_markdown
 from laploop.studies.sweeps.run import Engine, run_sweep, write_parquet
@@ -75,6 +77,11 @@ def test_a_stopped_sweep_goes_on_without_repeating_an_episode(sweep_file, tmp_pa
     assert outcomes == run_sweep(sweep, tmp_path / "other", Engine(), run=fake_row)
 
 
+def test_an_address_is_a_clusters(sweep_file):
+    with pytest.raises(InvalidValueError, match="address"):
+        Engine(address="127.0.0.1:6379")
+
+
 def test_conditions_share_equal_episodes(sweep_file, tmp_path):
     sweep, seen = read_sweep(sweep_file(more='\n[[conditions]]\nname = "one"\n[[conditions]]\nname = "two"\n')), []
 
@@ -110,3 +117,16 @@ def test_workers_give_the_same_tables_as_one(sweep_file, tmp_path, engine):
         assert main(arguments) == 0
     for name in names:
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+@pytest.mark.slow  # starts a cluster
+@pytest.mark.skipif(find_spec("ray") is None, reason="needs the extra ray")
+def test_a_dead_worker_of_a_cluster_is_reported_too(sweep_file, tmp_path, monkeypatch):
+    (tmp_path / "deadly.py").write_text(DEADLY)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
+    deadly_row = import_module("deadly").deadly_row
+    sweep = read_sweep(sweep_file(("[0, 50.0]", "[50.0]"), ('"none", "rate"', '"none"')), seeds=3)
+    (outcome,) = run_sweep(sweep, tmp_path, Engine(engine="ray", workers=2), run=deadly_row)
+    assert [row["error"] is None for row in outcome.rows] == [True, False, True]
+    assert "worker process died 2 times" in outcome.rows[1]["error"]

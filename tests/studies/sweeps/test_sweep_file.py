@@ -84,6 +84,7 @@ def test_pairing_decides_the_seeds(sweep_file):
         ("seeds = 2", "seeds = 0", r"line 3: seeds is 0"),
         ("seeds = 2", "sedes = 2", r"line 3: .*did you mean 'seeds'"),
         ("force_max_n", "force", r"line 4: .*metric 'force'"),
+        ("seeds = 2", 'analysis = "latncy"', r"line 3: .*did you mean 'latency'"),
         ("[vary]", "[vary", r"own.toml is .*line 15"),
         ("settle_s", "seed", r"line 10: seed is"),
         ('"none", "rate"', '"none", "os:getcwd"', r"line 17: .*--trust"),
