@@ -7,7 +7,7 @@ DEV := $(VENV)/.dev
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 SEED ?= 0
 
-.PHONY: demo test test-slow lint types floors pytest package bench results clean help
+.PHONY: demo test test-slow lint types floors pytest package bench results studies clean help
 
 help:
 	@echo "make demo       run the closed loop on breathing tissue; results in runs/demo"
@@ -16,6 +16,7 @@ help:
 	@echo "make package    build sdist and wheel, and try them in an empty environment"
 	@echo "make bench      measure every stage; results in runs/bench"
 	@echo "make results    measure the committed results anew"
+	@echo "make studies    run all studies in full"
 
 $(CORE): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "laploop needs Python 3.11 or newer; this is " + sys.version.split()[0] + " (choose another with make PYTHON=...)")'
@@ -93,6 +94,12 @@ results: $(DEV)
 	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
 	$(BIN)/python -P -m laploop.studies.synthesis.worlds_figure docs/pictures/worlds.png
 	$(BIN)/python -P -m laploop.studies.readme.results_page $(RESULTS) README.md
+
+# All studies in full, and their pages: several hours on two cores.
+studies: $(DEV)
+	for study in latency delay-margin error-budget pattern; do $(BIN)/laploop study $$study --workers 2 --out runs/study-$$study \
+	  && cp runs/study-$$study/summary.json $(RESULTS)/study-$$study.json || exit 1; done
+	$(BIN)/python -P -m laploop.studies.readme.study_pages $(RESULTS) docs/studies
 
 clean:
 	rm -rf $(VENV) runs .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

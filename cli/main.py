@@ -43,6 +43,7 @@ COMMANDS = {
     "presets": "list named timings, optics, arms, trocars and motions",
     "run": "run one closed-loop episode; recording, figure, summary",
     "trials": "run many episodes, one a seed; success rate and error table",
+    "study": "sweep conditions with the same seeds; latency, delays, error budget",
     "tasks": "run every task over many seeds; which meets its targets",
     "bench": "measure every stage of the loop on this machine",
     "fidelity": "measure what the cheaper simulation changes",

@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin
 
 from laploop.cli.parsing import Inlined, options_of, parse_known, unknown_option
 from laploop.cli.tree import Leaf, kinds_of, leaves, option_name, options_text
-from laploop.configuration import from_plain, to_plain
+from laploop.configuration import merged
 from laploop.envs.earlier_names import present_option, with_present_names
 from laploop.envs.episode_config import EpisodeConfig, EpisodeOptions
 from laploop.envs.loop.config import LoopConfig
@@ -83,17 +83,12 @@ def parse_tree(kind: type[Arguments], arguments: Sequence[str], command: str) ->
 
 def with_options(episode: EpisodeConfig, tokens: Sequence[str], kind: type) -> EpisodeConfig:
     """Return an episode with those fields changed that options name; `kind`'s own options are suggested for a misspelt one."""
-    return with_plain(episode, _assigned(tokens, leaves(episode), kind)) if tokens else episode
-
-
-def with_plain(episode: EpisodeConfig, plain: Plain, *, source: str = "") -> EpisodeConfig:
-    """Return an episode with what a file holds in place of its own."""
-    return from_plain(EpisodeConfig, _merged(to_plain(episode), plain), source=source)
+    return episode.with_plain(_assigned(tokens, leaves(episode), kind)) if tokens else episode
 
 
 def _episode(plain: Plain, task: str | None, source: str) -> EpisodeConfig:
     """Return the episode that a file describes, of the given task where the file names none."""
-    return with_plain(EpisodeConfig.of(task=plain.get(ROOT, {}).get("kind", task)), plain, source=source)
+    return EpisodeConfig.of(task=plain.get(ROOT, {}).get("kind", task)).with_plain(plain, source=source)
 
 
 def _read(path: Path) -> Plain:
@@ -123,7 +118,7 @@ def _in_layout(plain: Plain, name: str) -> Plain:
         raise InvalidValueError(f"{name}: {ROOT}", task, "a table, or the task's name")
     beside = {key: value for key, value in plain.items() if key not in top}
     rest = {key: value for key, value in plain.items() if key in top and key != ROOT}
-    task = _merged(task, beside)
+    task = merged(task, beside)
     if isinstance(task.get("loop"), dict):
         try:
             task["loop"] = with_present_names(task["loop"])
@@ -140,18 +135,6 @@ def _named_code(plain: Any, path: str = "") -> Iterator[tuple[str, str]]:
             if key in {"kind", "name"} and isinstance(value, str) and ":" in value:
                 yield place, value
             yield from _named_code(value, place)
-
-
-def _merged(base: Plain, over: Plain) -> Plain:
-    """Return nested tables with others laid over them; a table of another `kind` takes the place of the whole."""
-    result = dict(base)
-    for key, value in over.items():
-        before: Any = result.get(key)
-        same = (
-            isinstance(before, dict) and isinstance(value, dict) and value.get("kind", before.get("kind")) == before.get("kind")
-        )
-        result[key] = _merged(before, value) if same else value
-    return result
 
 
 def _assigned(tokens: Sequence[str], known: Mapping[tuple[str, ...], Leaf], kind: type) -> Plain:

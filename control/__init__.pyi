@@ -6,6 +6,8 @@ from .arm.rcm_controller import RcmController as RcmController
 from .arm.rcm_controller import RcmStatus as RcmStatus
 from .arm.rcm_task import RcmTask as RcmTask
 from .arm.start_posture import start_posture as start_posture
+from .controllers.image_servo import ImageServoConfig as ImageServoConfig
+from .controllers.image_servo import ImageServoController as ImageServoController
 from .controllers.look import LookController as LookController
 from .controllers.look import LookControllerConfig as LookControllerConfig
 from .controllers.palpate import PalpateController as PalpateController
@@ -45,6 +47,8 @@ __all__ = [
     "BackgroundWork",
     "ControlInput",
     "HeldMeasurement",
+    "ImageServoConfig",
+    "ImageServoController",
     "LookController",
     "LookControllerConfig",
     "MotionPredictor",

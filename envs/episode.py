@@ -102,6 +102,7 @@ def _summary(config: EpisodeConfig, env: TaskEnv[Any], infos: list[dict[str, Any
     last = infos[-1]
     held_errors = [info["target_error_mm"] for info in env.assessed(infos)]
     ages = [info["depth_age_ms"] for info in infos]
+    depth_errors = [info["depth_mae_mm"] for info in infos if not np.isnan(info["depth_mae_mm"])]
     return {
         "task": config.task.kind,
         "perception": config.perception.name,
@@ -129,7 +130,7 @@ def _summary(config: EpisodeConfig, env: TaskEnv[Any], infos: list[dict[str, Any
         "port_force_n": {f"{arm}_max": max(info["port_force_n"][arm] for info in infos) for arm in ("camera", "tool")},
         "contact_force_n": {"max": max(info["contact_force_n"] for info in infos)},
         "limits": asdict(env.loop.watch.worst),
-        "depth_mae_mm": float(np.nanmean([info["depth_mae_mm"] for info in infos])),
+        "depth_mae_mm": float(np.mean(depth_errors)) if depth_errors else float("nan"),
         "depth_valid_fraction": float(np.mean([info["depth_valid_fraction"] for info in infos])),
         # Of the target's surroundings; 0 for a controller that does not say.
         "depth_jump_fraction": {"max": max(info.get("depth_jump_fraction", 0.0) for info in infos)},

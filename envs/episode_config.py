@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar, get_args
 from pydantic import AfterValidator, JsonValue, PlainValidator, SerializeAsAny
 from pydantic_core import PydanticCustomError
 
-from laploop.configuration import Field, configuration, from_plain
+from laploop.configuration import Field, configuration, from_plain, merged, to_plain
 from laploop.control.controllers.registry import CONTROLLERS
 from laploop.control.prediction.registry import PREDICTORS
 from laploop.envs.fidelity import FidelityName, with_fidelity
@@ -136,6 +136,14 @@ class EpisodeConfig:
             LaploopError: If there is no such option, or a value is not allowed.
         """
         return EpisodeOptions(**options).applied_to(self)
+
+    def with_plain(self, plain: Mapping[str, Any], *, source: str = "") -> "EpisodeConfig":
+        """Return the episode with what a file holds, in the layout of this class, in place of its own.
+
+        Raises:
+            LaploopError: If there is no such field, or a value is not allowed; `source` says where it comes from.
+        """
+        return from_plain(EpisodeConfig, merged(to_plain(self), plain), source=source)
 
     def motion_name(self) -> str:
         """Return how the tissue moves: still, breathing, beating, both, or custom."""

@@ -19,6 +19,11 @@ from .episodes.trials import TrialsConfig as TrialsConfig
 from .episodes.trials import run_trials as run_trials
 from .fidelity.run import FidelityConfig as FidelityConfig
 from .fidelity.run import measure_fidelity as measure_fidelity
+from .sweeps.run import Engine as Engine
+from .sweeps.run import run_sweep as run_sweep
+from .sweeps.sweep import Condition as Condition
+from .sweeps.sweep import Sweep as Sweep
+from .sweeps.sweep_file import read_sweep as read_sweep
 from .synthesis.config import TrainingFramesConfig as TrainingFramesConfig
 from .synthesis.run import render_training_frames as render_training_frames
 from .timing.bench import run_bench as run_bench
@@ -35,10 +40,13 @@ __all__ = [
     "Campaign",
     "CharacterizationConfig",
     "Check",
+    "Condition",
     "DepthEvaluation",
+    "Engine",
     "FidelityConfig",
     "RobustnessConfig",
     "SpeedConfig",
+    "Sweep",
     "TaskTableConfig",
     "TrainingFramesConfig",
     "TrialsConfig",
@@ -50,8 +58,10 @@ __all__ = [
     "measure_jitter",
     "measure_robustness",
     "measure_speed",
+    "read_sweep",
     "render_training_frames",
     "run_bench",
+    "run_sweep",
     "run_task_table",
     "run_trials",
 ]

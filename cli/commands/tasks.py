@@ -8,7 +8,7 @@ import tyro
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import Inlined, OutputPath
-from laploop.cli.tree_options import FileOptions, parse_tree, with_options, with_plain
+from laploop.cli.tree_options import FileOptions, parse_tree, with_options
 from laploop.configuration import to_plain
 from laploop.studies.episodes.task_table import (
     TaskTableConfig,
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str]) -> int:
     chosen, rest = parse_tree(TasksArguments, arguments, "tasks")
     config, plain = chosen.table, chosen.file.read()
     campaigns = tuple(
-        replace(one, episode=with_options(with_plain(one.episode, plain, source=str(chosen.file.config)), rest, TasksArguments))
+        replace(one, episode=with_options(one.episode.with_plain(plain, source=str(chosen.file.config)), rest, TasksArguments))
         for one in config.campaigns()
     )
     with OutputFolder(chosen.out, "tasks") as folder:

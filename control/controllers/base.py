@@ -1,11 +1,10 @@
 """What all scripted controllers have in common."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from laploop.arrays import Array
-from laploop.configuration import Field, configuration, from_plain, to_plain
+from laploop.configuration import Field, configuration, from_plain, merged, to_plain
 from laploop.control.controllers.approach_geometry import ApproachGeometry
 from laploop.control.controllers.phase import Phase
 from laploop.control.controllers.safe_approach import SafeApproach, SafeApproachConfig
@@ -58,7 +57,7 @@ class TaskController(ABC, Generic[ConfigT]):
     @classmethod
     def of(cls, rig: Rig, *, predictor: MotionPredictor | None = None, **fields: Any) -> Self:
         """Make a controller from the fields of its configuration, nested ones as mappings."""
-        return cls(rig, from_plain(cls.config_class, _merged(to_plain(cls.config_class()), fields)), predictor)
+        return cls(rig, from_plain(cls.config_class, merged(to_plain(cls.config_class()), fields)), predictor)
 
     @property
     @abstractmethod
@@ -145,12 +144,3 @@ class ApproachController(TaskController[ApproachConfigT]):
     @abstractmethod
     def _work(self, state: ControlInput, geometry: ApproachGeometry, elapsed: float) -> Array:
         """Return the velocity (3,) of the task's own work; `_phase` is None when it begins."""
-
-
-def _merged(defaults: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return defaults with what is given in their places, at any depth."""
-    merged = dict(defaults)
-    for name, value in given.items():
-        inner = merged.get(name)
-        merged[name] = _merged(inner, value) if isinstance(inner, Mapping) and isinstance(value, Mapping) else value
-    return merged

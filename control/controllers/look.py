@@ -8,6 +8,7 @@ from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.control.controllers.base import TaskController, TaskControllerConfig
 from laploop.control.controllers.phase import Phase
+from laploop.control.controllers.scope_motion import scope_tip_velocity
 from laploop.control.controllers.tip_motion import limited, steady_gain
 from laploop.control.messages import ControlInput
 from laploop.control.targeting.targeting import TargetingConfig
@@ -35,15 +36,7 @@ class LookControllerConfig(TaskControllerConfig):
 
 
 class LookController(TaskController[LookControllerConfig]):
-    """A `TipController` of the scope's tip: position-based visual servoing through the trocar.
-
-    A scope of which L is inserted pivots at its trocar. Its tip, at (b/2, 0, 0) of the camera's frame, moves by v; then the
-    shaft turns by omega = (-v_y, v_x, 0) / L, and a point at rest at (x, y, z) moves in the camera's frame by
-
-        dx = -(1 + z/L) v_x,   dy = -(1 + z/L) v_y,   dz = (x - b/2)/L v_x + y/L v_y - v_z,
-
-    which is solved for v in closed form. The roll about the shaft is left to the arm.
-    """
+    """A `TipController` of the scope's tip: position-based visual servoing through the trocar."""
 
     config_class = LookControllerConfig
 
@@ -76,19 +69,7 @@ class LookController(TaskController[LookControllerConfig]):
         inserted = float(np.linalg.norm(state.scope_trocar_in_camera - lever))
         gain = steady_gain(self._config.gain_per_s, state.lead_ns)
         wanted = gain * (np.array([0.0, 0.0, state.working_distance_m]) - target.point)
-        velocity = _tip_velocity(wanted - target.velocity, target.point - lever, inserted)
+        velocity = scope_tip_velocity(wanted - target.velocity, target.point - lever, inserted)
         if target.nearest_depth < self._config.min_clearance_m:
             velocity[2] = min(velocity[2], 0.0)
         return limited(velocity, self._config.max_speed_mps)
-
-
-def _tip_velocity(point_rate: Array, way: Array, inserted: float) -> Array:
-    """Return the velocity (3,) of the tip that moves a resting point at a rate in the camera's frame.
-
-    Args:
-        point_rate: (3,), m/s.
-        way: (3,), from the tip to the point, in the camera's frame.
-        inserted: Length of the shaft inside, metres.
-    """
-    across = -point_rate[:2] / (1.0 + way[2] / inserted)
-    return np.array([*across, float(way[:2] @ across) / inserted - point_rate[2]])

@@ -1,4 +1,4 @@
-"""Controllers by name; the scripted ones have the name of their task."""
+"""Controllers by name; the scripted ones have the name of their task, `image-servo` is a plain one for `look`."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -21,6 +21,7 @@ CONTROLLERS: Registry[Callable[..., TipController]] = Registry(
         "palpate": f"{_ROOM}.palpate:PalpateController.of",
         "scan": f"{_ROOM}.scan:ScanController.of",
         "look": f"{_ROOM}.look:LookController.of",
+        "image-servo": f"{_ROOM}.image_servo:ImageServoController.of",
     },
 )
 """An entry is called with the rig and the user's arguments by name, and with `predictor` if a prediction is given."""

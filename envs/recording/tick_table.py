@@ -8,7 +8,7 @@ import numpy as np
 from laploop.arrays import Array
 from laploop.assets.shafts import INSTRUMENT
 from laploop.envs.tasks.task_env import TaskEnv
-from laploop.perception.geometry import transform_points
+from laploop.perception.geometry import invert_transform, transform_points
 
 _VECTORS = {
     "command": "mps",
@@ -17,6 +17,7 @@ _VECTORS = {
     "goal": "m",
     "prediction": "m",
     "truth": "m",
+    "truth_in_camera": "m",
 }
 _NUMBERS = ("error_along_mm", "error_across_mm", "contact_force_n", "depth_age_ms")
 _TEXTS = ("status", "fault")
@@ -33,9 +34,11 @@ class TickTable:
     | `goal_[xyz]_m` | where its centre touches the true target, one ball radius above it, in the world |
     | `prediction_[xyz]_m` | where the controller takes the target to be now, in the world by its kinematics; empty if unknown |
     | `truth_[xyz]_m` | where the target really is, in the world |
+    | `truth_in_camera_[xyz]_m` | the same in the true camera's frame |
     | `error_along_mm`, `error_across_mm` | tip from goal, along the target's normal (outwards positive) and across it |
     | `contact_force_n` | force on the tip, worst of the control period that begins |
     | `depth_age_ms` | age of the newest depth frame at the tick |
+    | `assessed` | whether the tick counts for the task's accuracy |
     | `status`, `fault` | of the command: from the inverse kinematics, and why it was not followed; empty if it was |
     """
 
@@ -53,18 +56,24 @@ class TickTable:
         if predicted_in_camera is not None:
             prediction = transform_points(loop.scope.world_from_camera(), predicted_in_camera)
         served = loop.newest_served
-        vectors = (command, tip, loop.theatre.tip_velocity_in_world(), tip - off_goal, prediction, truth)
+        in_camera = transform_points(invert_transform(loop.theatre.world_from_camera()), truth)
+        vectors = (command, tip, loop.theatre.tip_velocity_in_world(), tip - off_goal, prediction, truth, in_camera)
         row: dict[str, Any] = {"time_s": loop.now_ns * 1e-9}
         for (name, unit), vector in zip(_VECTORS.items(), vectors, strict=True):
             row |= {f"{name}_{axis}_{unit}": _known(value) for axis, value in zip("xyz", vector.tolist(), strict=True)}
         row["error_along_mm"] = along * 1e3
         row["error_across_mm"] = float(np.linalg.norm(off_goal - along * normal)) * 1e3
         row["depth_age_ms"] = None if served is None else served.age_ns(loop.now_ns) * 1e-6
+        row["assessed"] = env.is_assessed()
         self._rows.append(row)
 
     def end(self, info: dict[str, Any]) -> None:
         """Take what became of the tick's command, from the environment's `info`."""
         self._rows[-1] |= {name: info[name] for name in ("contact_force_n", "status", "fault")}
+
+    def series(self, name: str) -> Array:
+        """Return a column of numbers, one a tick; NaN where it is empty."""
+        return np.array([np.nan if row[name] is None else row[name] for row in self._rows], dtype=np.float64)
 
     def write(self, path: Path) -> None:
         """Write a Parquet file."""
@@ -73,7 +82,8 @@ class TickTable:
         from pyarrow import parquet
 
         numbers = ("time_s", *(f"{name}_{axis}_{unit}" for name, unit in _VECTORS.items() for axis in "xyz"), *_NUMBERS)
-        schema = pa.schema([*((name, pa.float64()) for name in numbers), *((name, pa.string()) for name in _TEXTS)])
+        texts = ((name, pa.string()) for name in _TEXTS)
+        schema = pa.schema([*((name, pa.float64()) for name in numbers), ("assessed", pa.bool_()), *texts])
         parquet.write_table(pa.Table.from_pylist(self._rows, schema=schema), path)
 
 

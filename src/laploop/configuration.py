@@ -30,7 +30,18 @@ from pydantic_core import to_json
 
 from laploop.errors import InvalidValueError, LaploopError, UnknownNameError
 
-__all__ = ["Field", "Seed", "Workers", "allowed", "alternatives", "configuration", "field_docs", "from_plain", "to_plain"]
+__all__ = [
+    "Field",
+    "Seed",
+    "Workers",
+    "allowed",
+    "alternatives",
+    "configuration",
+    "field_docs",
+    "from_plain",
+    "merged",
+    "to_plain",
+]
 
 T = TypeVar("T")
 
@@ -81,6 +92,20 @@ def to_plain(tree: Any) -> dict[str, Any]:
     """Return a configuration as what JSON and TOML know; `from_plain` takes it back."""
     plain: dict[str, Any] = _adapter(type(tree)).dump_python(tree, mode="json")
     return plain
+
+
+def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested tables with others laid over them; a table of another `kind` takes the place of the whole."""
+    result = dict(base)
+    for key, value in over.items():
+        before: Any = result.get(key)
+        same = (
+            isinstance(before, Mapping)
+            and isinstance(value, Mapping)
+            and value.get("kind", before.get("kind")) == before.get("kind")
+        )
+        result[key] = merged(before, value) if same else value
+    return result
 
 
 @functools.cache

@@ -10,9 +10,10 @@ from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.calibration.calibration_file import load_calibration
 from laploop.perception.data.pair_store import PairStore
 from laploop.studies.acquisition.config import AcquisitionConfig
-from laploop.studies.acquisition.ray import collect_with_ray, ray_cluster
+from laploop.studies.acquisition.ray import collect_with_ray
 from laploop.studies.acquisition.station import collect_tissue, reference_optics
 from laploop.studies.calibration.run import calibrate_bench
+from laploop.studies.ray_cluster import ray_cluster
 from laploop.workers import run_in_workers
 
 Progress = Callable[[str, float], AbstractContextManager[Callable[[float], None]]]

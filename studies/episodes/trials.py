@@ -81,15 +81,15 @@ def run_trials(
         WorkerError: If the worker processes cannot be started, or one of them dies.
     """
     folder = out / ROWS_FOLDER
-    key = _key(config.episode)
-    rows = {episode.seed: row for episode in config.episodes() if (row := _kept_row(folder, key, episode.seed)) is not None}
+    key = episode_key(config.episode)
+    rows = {episode.seed: row for episode in config.episodes() if (row := kept_row(folder, key, episode.seed)) is not None}
     missing = [episode for episode in config.episodes() if episode.seed not in rows]
     if progress is not None:
         progress(len(rows))
 
     def keep(episode: EpisodeConfig, row: Row) -> None:
         rows[episode.seed] = row
-        _keep_row(folder, key, row)
+        keep_row(folder, key, row)
         if progress is not None:
             progress(len(rows))
 
@@ -104,16 +104,14 @@ def run_trial(episode: EpisodeConfig) -> Row:
     try:
         summary = run_episode(episode)
     except (SimulationError, InfeasibleError) as error:
-        failed = {
-            "seed": episode.seed,
-            "success": False,
-            "terminated_by": "error",
-            "error": str(error),
-            "metrics": {},
-            "limits": {},
-        }
-        return {**dict.fromkeys(COLUMNS), **failed}
+        return failed_row(episode.seed, error)
     return row_of(episode.seed, summary)
+
+
+def failed_row(seed: int, error: Exception) -> Row:
+    """Return the row of an episode that could not be run to its end."""
+    failed = {"seed": seed, "success": False, "terminated_by": "error", "error": str(error), "metrics": {}, "limits": {}}
+    return {**dict.fromkeys(COLUMNS), **failed}
 
 
 def row_of(seed: int, summary: Mapping[str, Any]) -> Row:
@@ -243,7 +241,7 @@ def _share_cores(workers: int) -> None:
     torch.set_num_threads(max(1, (os.cpu_count() or 1) // workers))
 
 
-def _key(episode: EpisodeConfig) -> str:
+def episode_key(episode: EpisodeConfig) -> str:
     """Return a hash of all that decides an episode's row, apart from its seed: a file counts by its content."""
     decisive = {**asdict(episode), "seed": None, "version": version("laploop")}
     return hashlib.sha256(json.dumps(decisive, default=_digest, sort_keys=True).encode()).hexdigest()
@@ -260,7 +258,12 @@ def _row_path(folder: Path, seed: int) -> Path:
     return folder / f"seed_{seed:06d}.json"
 
 
-def _kept_row(folder: Path, key: str, seed: int) -> Row | None:
+def kept_row(folder: Path, key: str, seed: int) -> Row | None:
+    """Return the row that a seed has in a folder; None if there is none, it failed, or its key is another.
+
+    Raises:
+        InvalidValueError: If the file is damaged.
+    """
     path = _row_path(folder, seed)
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
@@ -273,6 +276,7 @@ def _kept_row(folder: Path, key: str, seed: int) -> Row | None:
     return row if same else None
 
 
-def _keep_row(folder: Path, key: str, row: Row) -> None:
+def keep_row(folder: Path, key: str, row: Row) -> None:
+    """Write a row into a folder, whole or not at all."""
     with whole_file(_row_path(folder, row["seed"])) as path:
         path.write_text(json.dumps({"key": key, "row": row}, indent=1) + "\n", encoding="utf-8")

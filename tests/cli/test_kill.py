@@ -26,8 +26,16 @@ LAPLOOP = Path(sys.executable).with_name("laploop")
 SMALL = ["--optics.width", "64", "--optics.height", "64"]
 TISSUES = ["--train-tissues", "3", "--val-tissues", "1", "--test-tissues", "0", "--frames-per-tissue", "4"]
 
+SWEEP = """
+title = "Small"
+seeds = 3
+base = {task = "track", perception = "oracle", seconds = 0.3, settle_s = 0.1}
+vary = {"loop.timing.pipeline.latency_ms" = [0, 40.0]}
+"""
+
 WORKLOADS = {
     "trials": ["trials", "--perception", "oracle", "--seconds", "0.3", "--seeds", "6", "--workers", "2"],
+    "study": ["study", "SWEEP", "--workers", "2"],
     "synthesize": ["synthesize", *TISSUES, *SMALL, "--workers", "2"],
     "train": ["train", "--dataset", "FRAMES", "--epochs", "6", "--batch", "4", "--resume"],
     "train with loader workers": [
@@ -41,7 +49,7 @@ WORKLOADS = {
     ],
 }
 """Each takes seconds."""
-TIMES = {"collect": 5, "train with loader workers": 5}
+TIMES = {"collect": 5, "study": 5, "train with loader workers": 5}
 """How often each is stopped; 15 times where it says nothing."""
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
@@ -59,7 +67,9 @@ def inputs(tmp_path_factory):
         scope=cameras[0], reference=cameras[1], scope_from_reference=bench.scope_from_reference, view_errors_px=(0.0,) * 5
     )
     save_calibration(folder / "calibration.json", calibration)
-    return {"FRAMES": str(folder / "frames"), "CALIBRATION": str(folder / "calibration.json")}
+    (folder / "sweep.toml").write_text(SWEEP)
+    files = {"FRAMES": "frames", "CALIBRATION": "calibration.json", "SWEEP": "sweep.toml"}
+    return {word: str(folder / name) for word, name in files.items()}
 
 
 def start(name, inputs, out):
@@ -78,8 +88,10 @@ def content(out):
     found = {}
     for path in sorted(out.rglob("*")):
         place = path.relative_to(out)
-        if path.parent.name == "rows":
+        if path.parent.name == "rows" and path.is_file():
             found[place] = {**json.loads(path.read_text())["row"], "real_time_factor": None}
+        elif path.name in {"table.csv", "episodes.parquet"}:
+            found[place] = path.read_bytes()
         elif path.name == "log.csv":
             found[place] = [{**row, "wall_s": None} for row in csv.DictReader(path.read_text().splitlines())]
         elif path.suffix == ".safetensors" and path.stem != "checkpoint":

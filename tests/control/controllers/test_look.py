@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from laploop.control.controllers.look import LookController, LookControllerConfig, _tip_velocity
+from laploop.control.controllers.look import LookController, LookControllerConfig
 from laploop.control.controllers.phase import Phase
+from laploop.control.controllers.scope_motion import scope_tip_velocity
 from laploop.control.messages import ControlInput
 from laploop.control.targeting.targeting import TargetingConfig
 from laploop.errors import InvalidValueError
@@ -105,7 +106,7 @@ def test_motion_of_a_resting_point_is_that_of_the_interaction_matrix(rig):
     pose = scope.world_from_camera()
     in_camera = transform_points(invert_transform(pose), point)
     way = in_camera - [0.5 * rig.baseline_m, 0.0, 0.0]
-    velocity = _tip_velocity(wanted, way, float(np.linalg.norm(scope.tip - TROCAR)))
+    velocity = scope_tip_velocity(wanted, way, float(np.linalg.norm(scope.tip - TROCAR)))
     small = 1e-4  # seconds
     scope.tip = scope.tip + small * pose[:3, :3] @ velocity
     after = transform_points(invert_transform(scope.world_from_camera()), point)
