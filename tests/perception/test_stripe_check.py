@@ -107,8 +107,8 @@ def test_no_pixel_of_a_picture_without_stripes_is_valid(tmp_path, model, every):
         assert np.isnan(found.depth_mm).all()
         assert found.note == NO_STRIPES
         claimed += bool(predictor._estimator.estimate(picture).valid.any())
-    # Without the check, the classical method marks pixels of several of these valid; the networks know better by themselves.
-    assert claimed >= 4 if model == "phase" else claimed <= 1
+    # Without the check, estimators mark pixels of some of these valid, the classical method those of several.
+    assert claimed >= (4 if model == "phase" else 1)
 
 
 @pytest.mark.parametrize("depth_m", [0.06, 0.1, 0.14])
