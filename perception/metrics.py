@@ -10,11 +10,10 @@ from scipy.special import ndtr
 
 from laploop.errors import InvalidValueError
 from laploop.perception.surface_measures import SurfaceErrors, with_neighbours
+from laploop.perception.working_range import SLIP_FRACTION
 
 _RATIOS = {"acc_1_1": 1.1, "acc_1_21": 1.21, "acc_1_331": 1.331, "acc_1_25": 1.25, "acc_1_5625": 1.5625, "acc_1_953": 1.953125}
 _DISTANCES_MM = {"beyond_20mm": 20.0, "beyond_1mm": 1.0, "beyond_2mm": 2.0, "beyond_3mm": 3.0}
-_SLIP_FRACTION = 0.1
-"""Of its depth by which a pixel that slipped is off: a fifth of a turn of phase or more."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +146,7 @@ class DepthErrors:
         """Count the slips of one frame among the pixels marked `valid` that have a truth, inside and outside of the range."""
         claimed = valid & np.isfinite(truth_mm)
         truth, estimate = truth_mm[claimed].astype(np.float64), estimate_mm[claimed].astype(np.float64)
-        slipped = (np.abs(estimate - truth) > _SLIP_FRACTION * truth) | (truth < range_mm[0]) | (truth > range_mm[1])
+        slipped = (np.abs(estimate - truth) > SLIP_FRACTION * truth) | (truth < range_mm[0]) | (truth > range_mm[1])
         self._count(slips_per_1000=1e3 * np.count_nonzero(slipped), claimed=truth.size)
 
     def add_expected(self, sigma_mm: NDArray[np.floating], truth_mm: NDArray[np.float32], mask: NDArray[np.bool_]) -> None:

@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.errors import InvalidValueError
+from laploop.perception.working_range import WITHIN_MM
 
 Array = NDArray[np.float64]
 
-WITHIN_MM = 1.0
-"""What a confidence is the probability of: an error of at most this."""
 TENTHS = 10
 
 _BINS = 1000

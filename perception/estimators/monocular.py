@@ -18,6 +18,7 @@ from laploop.errors import InvalidValueError, MissingFileError, UnknownNameError
 from laploop.perception.estimators.base import check_image
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate
+from laploop.perception.working_range import WORKING_RANGE_MM
 
 FARTHEST_MM = 250.0
 """Estimates end here: the upper end of the depth range of the paper's data set."""
@@ -61,7 +62,7 @@ class MonocularEstimator:
         network: Any,
         model: MonocularModel,
         *,
-        range_mm: tuple[float, float] = (60.0, 140.0),
+        range_mm: tuple[float, float] = WORKING_RANGE_MM,
         device: str = "cpu",
     ) -> None:
         """Take over a network of `transformers`' depth estimation class.

@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.perception.working_range import WORKING_RANGE_MM
+
 _OPACITY = 0.6
 """Of the colours: the stripes stay visible."""
 _SMALLEST_SIDE_PX = 512
@@ -36,7 +38,7 @@ def draw_overlay(image: NDArray[np.uint8], depth_mm: NDArray[np.float32]) -> NDA
 def _limits(depths_mm: NDArray[np.float32]) -> tuple[float, float]:
     """Return the depths that the colours span: nearly all valid ones, rounded outwards; the scope's if none is."""
     if not depths_mm.size:
-        return 60.0, 140.0
+        return WORKING_RANGE_MM
     low, high = np.percentile(depths_mm, (1.0, 99.0))
     first = _STEP_MM * math.floor(low / _STEP_MM)
     return first, max(first + _STEP_MM, _STEP_MM * math.ceil(high / _STEP_MM))

@@ -18,13 +18,10 @@ from laploop.perception.training.augmentation import painted
 from laploop.perception.training.recipe import Batch, Loss, Prediction, Recipe, Sample, flip_and_gain
 from laploop.perception.training.settings import PhaseTraining
 from laploop.perception.weights import load_weights
-from laploop.perception.working_range import WORKING_RANGE_MM
+from laploop.perception.working_range import SLIP_FRACTION, WITHIN_MM, WORKING_RANGE_MM
 
 _LEARNED_MM = (56.0, 160.0)
 """Depths are learned a little beyond the working range, so that its borders are no borders of what is known."""
-_SLIP = 0.1
-"""Relative error from which a depth is a slip."""
-_WITHIN_MM = 1.0
 
 
 class PhaseRecipe(Recipe):
@@ -111,15 +108,15 @@ def phase_loss(output: PhaseOutput, truth_mm: Tensor, training: PhaseTraining) -
     known, working = _between(truth_mm, _LEARNED_MM), _between(truth_mm, WORKING_RANGE_MM)
     truth = torch.where(known, truth_mm, 100.0)
     error = (output.depth_mm - truth).abs()
-    slipped = ~working | (error.detach() > _SLIP * truth)
+    slipped = ~working | (error.detach() > SLIP_FRACTION * truth)
     likelihood = error * torch.exp(-output.log_scale) + output.log_scale
     within = functional.binary_cross_entropy_with_logits(
-        output.within_logit, (error.detach() <= _WITHIN_MM).to(error.dtype), reduction="none"
+        output.within_logit, (error.detach() <= WITHIN_MM).to(error.dtype), reduction="none"
     )
     slip = functional.binary_cross_entropy_with_logits(output.slip_logit, slipped.to(error.dtype))
     absolute = _mean(error, known)
     total = (
-        _mean(likelihood, known & (error.detach() <= _SLIP * truth))
+        _mean(likelihood, known & (error.detach() <= SLIP_FRACTION * truth))
         + training.l1_weight * absolute
         + training.slip_weight * slip
         + training.within_weight * _mean(within, ~slipped)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from laploop.configuration import Field, configuration
 from laploop.errors import InvalidValueError
 from laploop.perception.cramer_rao import SensorNoise
+from laploop.perception.working_range import WORKING_RANGE_MM
 from laploop.studies.depth.calibration_residual import CalibrationResidual
 
 Millimetres = Annotated[float, Field(gt=0.0, le=10_000.0)]
@@ -21,8 +22,8 @@ class DepthEvaluation:
     against: Literal["exact", "zivid", "both"] = "exact"
     """exact: exact depth, in the range of depth. zivid: the reference camera's reprojected depth, over its whole mask, which
     is the paper's protocol. both: both, and exact depth over the mask, which shows how much of an error is the reference's."""
-    nearest_mm: Millimetres = 60.0
-    farthest_mm: Millimetres = 140.0
+    nearest_mm: Millimetres = WORKING_RANGE_MM[0]
+    farthest_mm: Millimetres = WORKING_RANGE_MM[1]
     """Pixels whose exact depth lies outside are left out of `exact`."""
     bins_mm: tuple[Millimetres, ...] = (60.0, 80.0, 100.0, 120.0, 140.0)
     """Edges of the bins of working distance: the median of a frame's exact depth, or of the reference's where none is exact."""

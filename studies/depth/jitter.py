@@ -17,6 +17,7 @@ from laploop.errors import InvalidValueError
 from laploop.perception.estimators.base import checked_estimate
 from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.geometry import Rig
+from laploop.perception.working_range import WORKING_RANGE_MM
 from laploop.studies.csv_text import csv_text
 from laploop.studies.depth.config import RobustnessConfig
 from laploop.studies.depth.evaluation import EstimatorCache
@@ -86,7 +87,7 @@ def measure_jitter(
     *,
     config: RobustnessConfig | None = None,
     weights: Mapping[str, Path] | None = None,
-    range_mm: tuple[float, float] = (60.0, 140.0),
+    range_mm: tuple[float, float] = WORKING_RANGE_MM,
     progress: bool = True,
 ) -> list[JitterRow]:
     """Measure how much each model's depth of a still scene varies with the noise; a monocular baseline is taken raw.

@@ -17,6 +17,7 @@ from laploop.perception.estimators.oracle import OracleEstimator
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.metrics import SUMS, DepthErrors, DepthMetrics, MetricsInterval, bootstrap_interval
+from laploop.perception.working_range import WORKING_RANGE_MM
 from laploop.studies.csv_text import csv_text
 from laploop.studies.depth.config import RobustnessConfig
 from laploop.studies.depth.evaluation import EstimatorCache
@@ -99,7 +100,7 @@ def measure_robustness(
     *,
     config: RobustnessConfig | None = None,
     weights: Mapping[str, Path] | None = None,
-    range_mm: tuple[float, float] = (60.0, 140.0),
+    range_mm: tuple[float, float] = WORKING_RANGE_MM,
     progress: bool = True,
 ) -> list[RobustnessRow]:
     """Measure models under every condition against exact truth; a monocular baseline is taken raw.

@@ -1,4 +1,4 @@
-"""What every sweep's results are told by: a line a condition, differences from its part's first condition, and charts."""
+"""What every sweep reports: a row per condition, paired differences from the first condition of its part, and charts."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field

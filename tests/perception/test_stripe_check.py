@@ -1,4 +1,4 @@
-"""Stripes are told from whatever else a picture may show."""
+"""The check finds stripes, and takes nothing else in a picture for stripes."""
 
 import cv2
 import numpy as np

@@ -216,7 +216,7 @@ def _nanoseconds(milliseconds: float) -> int:
 def _once(times_ns: list[int]) -> Iterator[int]:
     yield from times_ns
     frames = f"{len(times_ns)} time{'s' * (len(times_ns) > 1)}"
-    allowed = f"loop or shuffle, or a shorter episode: the trace has {frames}, and another was asked for"
+    allowed = f"loop or shuffle, or a shorter episode: the trace holds {frames}, and the episode needs more"
     raise InvalidValueError("order of the latency trace", "in-order", allowed)
 
 

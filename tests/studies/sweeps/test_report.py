@@ -32,7 +32,7 @@ BARS = Chart(
 
 @pytest.fixture
 def traces(monkeypatch):
-    """Stand in for Plotly; return what it was asked for."""
+    """Replace Plotly with a stub; return the calls that it received."""
     asked = SimpleNamespace(traces=[], scripts=[])
 
     class Figure:
