@@ -23,7 +23,7 @@ def cut_to_band(matrix: Tensor, reach: int) -> Tensor:
     inputs, outputs = matrix.shape[-2:]
     count = _blocks(outputs)
     rows = min(inputs, inputs // count + 2 * reach)
-    columns = matrix.split(outputs // count, dim=-1)
+    columns = matrix.chunk(count, dim=-1)
     return torch.cat(
         [part.narrow(-2, start, rows) for start, part in zip(_starts(inputs, count, rows), columns, strict=True)], dim=-1
     )
@@ -33,7 +33,7 @@ def along_rows(image: Tensor, band: Tensor) -> Tensor:
     """Return the image (..., height, inputs) times the matrix that `band` was cut from: (..., height, outputs)."""
     rows, outputs = band.shape[-2:]
     count = _blocks(outputs)
-    pieces = zip(_starts(image.shape[-1], count, rows), band.split(outputs // count, dim=-1), strict=True)
+    pieces = zip(_starts(image.shape[-1], count, rows), band.chunk(count, dim=-1), strict=True)
     return torch.cat([image.narrow(-1, start, rows) @ block for start, block in pieces], dim=-1)
 
 
@@ -41,7 +41,7 @@ def along_columns(image: Tensor, band: Tensor) -> Tensor:
     """Return the transpose of that matrix times the image (..., inputs, width): (..., outputs, width)."""
     rows, outputs = band.shape[-2:]
     count = _blocks(outputs)
-    pieces = zip(_starts(image.shape[-2], count, rows), band.split(outputs // count, dim=-1), strict=True)
+    pieces = zip(_starts(image.shape[-2], count, rows), band.chunk(count, dim=-1), strict=True)
     return torch.cat([block.mT @ image.narrow(-2, start, rows) for start, block in pieces], dim=-2)
 
 
