@@ -250,16 +250,17 @@ class ClosedLoop:
         world_from_camera = self.scope.world_from_camera()
         camera_from_world = invert_transform(world_from_camera)
         reading = self.reading()
+        tip, velocity, force = reading.seen_from(camera_from_world)
         newest = self.newest_served if with_depth else None
         return ControlInput(
             now_ns=self.now_ns,
             depth=newest.depth if newest else None,
             target_pixel=target_pixel,
-            tip_in_camera=transform_points(camera_from_world, reading.tip_in_world),
-            tip_velocity_in_camera=camera_from_world[:3, :3] @ reading.tip_velocity_in_world,
+            tip_in_camera=tip,
+            tip_velocity_in_camera=velocity,
             trocar_in_camera=transform_points(camera_from_world, self.tool.trocar_in_world),
             contact_force_n=float(np.linalg.norm(reading.contact_force_in_world)),
-            contact_force_in_camera=camera_from_world[:3, :3] @ reading.contact_force_in_world,
+            contact_force_in_camera=force,
             shaft_axis_in_camera=camera_from_world[:3, :3] @ self.tool.shaft_axis_in_world(),
             scope_trocar_in_camera=transform_points(camera_from_world, self.scope.trocar_in_world),
             world_from_camera=world_from_camera,
