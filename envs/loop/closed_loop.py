@@ -122,6 +122,7 @@ class ClosedLoop:
         self.newest_served: ServedFrame | None = None
         self.recorder.begin(self.theatre, self.rig)
         self._capture_if_due()
+        self._hand_over()  # perception begins while the target is chosen
         if at_first_frame is not None:
             at_first_frame()
         self._mark(self.newest_captured)
@@ -250,16 +251,17 @@ class ClosedLoop:
         world_from_camera = self.scope.world_from_camera()
         camera_from_world = invert_transform(world_from_camera)
         reading = self.reading()
+        tip, velocity, force = reading.seen_from(camera_from_world)
         newest = self.newest_served if with_depth else None
         return ControlInput(
             now_ns=self.now_ns,
             depth=newest.depth if newest else None,
             target_pixel=target_pixel,
-            tip_in_camera=transform_points(camera_from_world, reading.tip_in_world),
-            tip_velocity_in_camera=camera_from_world[:3, :3] @ reading.tip_velocity_in_world,
+            tip_in_camera=tip,
+            tip_velocity_in_camera=velocity,
             trocar_in_camera=transform_points(camera_from_world, self.tool.trocar_in_world),
             contact_force_n=float(np.linalg.norm(reading.contact_force_in_world)),
-            contact_force_in_camera=camera_from_world[:3, :3] @ reading.contact_force_in_world,
+            contact_force_in_camera=force,
             shaft_axis_in_camera=camera_from_world[:3, :3] @ self.tool.shaft_axis_in_world(),
             scope_trocar_in_camera=transform_points(camera_from_world, self.scope.trocar_in_world),
             world_from_camera=world_from_camera,
@@ -343,7 +345,8 @@ class ClosedLoop:
                 view=self._renderer.take(self.theatre.data, true_pose),
                 time_stamp_offset_ns=self.config.timing.time_stamp_offset_ns,
             )
-            if self._images_ahead:
+            # The first frame is always looked at; where its image will be needed, too, that comes at the same price.
+            if self._images_ahead or (self.first_captured is None and self._running_server().begins_images):
                 captured.view.whole.begin()
         self.timer.complete("capture")
         self.frame_count += 1
@@ -362,11 +365,16 @@ class ClosedLoop:
                     FrameRecord(now_ns=now_ns, frame=frame, exact_depth_mm=truth.depth_mm, object_id=truth.object_id)
                 )
 
-    def _deliver(self) -> list[ServedFrame]:
-        server, now_ns = self._running_server(), self.now_ns
-        for captured in self._transfer.arrived(now_ns):
+    def _hand_over(self) -> PerceptionServer:
+        """Give perception the frames that have arrived."""
+        server = self._running_server()
+        for captured in self._transfer.arrived(self.now_ns):
             server.submit(captured)
-        finished = server.poll(now_ns)
+        return server
+
+    def _deliver(self) -> list[ServedFrame]:
+        now_ns = self.now_ns
+        finished = self._hand_over().poll(now_ns)
         arriving = self.injector.depth_frames(finished, self.rig.camera, now_ns)
         for one in finished:
             # Unless it is among those that arrive.

@@ -136,6 +136,11 @@ class PerceptionServer:
         self.ahead = ahead
         """Whether estimates are begun before anybody asks for them."""
 
+    @property
+    def begins_images(self) -> bool:
+        """Whether the images of frames are rendered, for their estimates, before anybody asks for these."""
+        return self.ahead and not isinstance(self._estimator, OracleEstimator)
+
     def submit(self, captured: CapturedFrame) -> None:
         """Hand over a frame at its `available_ns`; frames come in the order of these times."""
         # Workers that were done before it came have taken what waited.

@@ -16,6 +16,7 @@ from laploop.arrays import Array
 from laploop.configuration import Field, configuration
 from laploop.envs.loop.timing.latency import Milliseconds
 from laploop.envs.theatre.clock_rates import ClockRates
+from laploop.perception.geometry import transform_points
 
 if TYPE_CHECKING:
     from laploop.envs.loop.miscalibrated_arm import MiscalibratedTool
@@ -42,6 +43,12 @@ class ProprioceptiveReading:
     tip_in_world: Array
     tip_velocity_in_world: Array
     contact_force_in_world: Array
+
+    def seen_from(self, frame_from_world: Array) -> tuple[Array, Array, Array]:
+        """Return position, velocity and force, (3,) each, in another frame, 4x4, that stands still in the world."""
+        rotation = frame_from_world[:3, :3]
+        position = transform_points(frame_from_world, self.tip_in_world)
+        return position, rotation @ self.tip_velocity_in_world, rotation @ self.contact_force_in_world
 
 
 class _Physics:

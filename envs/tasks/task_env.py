@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from numbers import Integral
 from typing import Any, ClassVar, Generic, TypeVar, cast
@@ -243,7 +243,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         weights, unweighted = vars(self.config.rewards), {**self.reward_terms(), **shared_terms}
         terms = {name: value * float(weights[name]) for name, value in unweighted.items()}
         info = self._info(terms, "time" if truncated else terminated_by, succeeded=succeeded)
-        self._record_tick(info)
+        if self.loop.recorder.takes_ticks:
+            self._record_tick(info)
         self._running = terminated_by is None and not truncated
         return self._observation(), float(sum(terms.values())), terminated_by is not None, truncated, info
 
@@ -337,13 +338,13 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         mode, served, newest = self.config.observation_mode, self.loop.newest_served, self.loop.newest_arrived
         if served is None or newest is None:
             raise SimulationError("no frame yet")
-        known = self.loop.control_input(self.target_pixel, with_depth=False)
+        tip, velocity, force = self.loop.reading().seen_from(invert_transform(self.loop.scope.world_from_camera()))
         observation: Observation = {"stripes": newest.frame.image.copy()} if mode in STRIPE_MODES else {}
         if mode in DEPTH_MODES:
             observation |= depth_observation(served, self.loop.now_ns)
-        observation["tip_position"] = bounded(known.tip_in_camera, -1.0, 1.0)
-        observation["tip_velocity"] = bounded(known.tip_velocity_in_camera, -1.0, 1.0)
-        observation["contact_force"] = bounded(known.contact_force_in_camera, -MAX_FORCE_N, MAX_FORCE_N)
+        observation["tip_position"] = bounded(tip, -1.0, 1.0)
+        observation["tip_velocity"] = bounded(velocity, -1.0, 1.0)
+        observation["contact_force"] = bounded(force, -MAX_FORCE_N, MAX_FORCE_N)
         observation["target_pixel"] = self.target_pixel.astype(np.float32)
         if mode == "state":
             camera_from_world = invert_transform(self.loop.theatre.world_from_camera())
@@ -372,7 +373,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             "sim_s": self.loop.now_ns * 1e-9,
             "frames": self.loop.frame_count,
             "dropped_frames": self.loop.dropped_frames,
-            "frame_times": None if (newest := self.loop.timing_log.newest_used) is None else asdict(newest),
+            "frame_times": None if (newest := self.loop.timing_log.newest_used) is None else dict(vars(newest)),
             "status": str(status),
             "status_reason": self.loop.status_reason,
             "fault": self._interpreter.fault,
