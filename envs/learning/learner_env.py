@@ -30,6 +30,9 @@ _WORST_SCALARS = ("contact_force_n",)
 _WORST_BY_ARM = ("rcm_error_mm", "port_force_n", "port_friction_n")
 _OWN_SENSES: Mapping[str, int] = {"tip_position": 3, "tip_velocity": 3, "contact_force": 3}
 
+_TISSUES = 10
+"""How many are tried before a reset gives up."""
+
 Observation = Any
 
 
@@ -76,8 +79,8 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ## Arguments
 
-    Those of `LearnerOptions`, and `config` (the task's whole configuration), `perception` (name of an estimator, or an object; by
-    default `compact` where depth is used), `recorder`, `controller` (what `residual` adds to), `render_mode` (`rgb_array` or
+    Those of `LearnerOptions`, and `config` (the task's whole configuration), `perception` (name of an estimator, or an object;
+    by default `compact` where depth is used), `recorder`, `controller` (what `residual` adds to), `render_mode` (`rgb_array` or
     `human`).
 
     ## Version history
@@ -178,8 +181,11 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
     # What all tasks share.
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Begin an episode; arguments and errors as for `TaskEnv.reset`."""
-        observed, info = self.task_env.reset(seed=seed, options=options)
+        """Begin an episode; arguments and errors as for `TaskEnv.reset`.
+
+        A tissue on which the task cannot be set, such as one without room for a line, is replaced by the next one drawn.
+        """
+        observed, info = self._begun_task(seed, options)
         super().reset(seed=None if seed is None else int(seed))
         self._note_time_limit()
         self._newest = info
@@ -233,6 +239,16 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.task_env.close()
         if self._viewer is not None:
             self._viewer.close()
+
+    def _begun_task(self, seed: int | None, options: dict[str, Any] | None) -> tuple[dict[str, Any], Info]:
+        """Reset the task, on another tissue if need be: training should not break off because of one in a hundred."""
+        for _ in range(_TISSUES - 1):
+            try:
+                return self.task_env.reset(seed=seed, options=options)
+            except SimulationError:
+                # From here on the generator that the seed has set decides.
+                seed = None
+        return self.task_env.reset(seed=seed, options=options)
 
     def _drop_view(self) -> None:
         if self._view is not None:
