@@ -1,6 +1,7 @@
 """Everything between a desired tip velocity and the next depth frame: physics, stripes, perception, trocar-aware control."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from laploop.envs.loop.frame_renderer import FrameRenderer
 from laploop.envs.loop.kinematic_errors import KinematicErrors
 from laploop.envs.loop.limit_monitor import LimitMonitor
 from laploop.envs.loop.miscalibrated_arm import MiscalibratedArm, MiscalibratedScope, MiscalibratedTool
+from laploop.envs.loop.observed_theatre import ObservedTheatre, SceneState
 from laploop.envs.loop.perception_server import PerceptionServer, ServedFrame
 from laploop.envs.loop.proprioception import Proprioception, ProprioceptiveReading
 from laploop.envs.loop.stage_timer import StageTimer
@@ -23,8 +25,6 @@ from laploop.envs.loop.timing.config import TimingSamples
 from laploop.envs.loop.timing.frame_transfer import FrameTransfer
 from laploop.envs.loop.timing.log import TimingLog
 from laploop.envs.recording.recorder import ARM_NAMES, FrameRecord, NullRecorder, Recorder
-from laploop.envs.sensors.stripe_camera import StripeCamera
-from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
@@ -73,9 +73,11 @@ class ClosedLoop:
         self.max_force_n = self.mean_force_n = 0.0
         self._images_ahead = images or self.recorder.takes_frames or self.recorder.takes_depth
         self._depth_ahead = depth or self.recorder.takes_depth
-        self._camera: StripeCamera | None = None
+        # While physics goes on, the camera has work for the other cores; whoever looks at the image of the moment waits for it.
+        self.observed = ObservedTheatre(config, self.rig, threads=None if self._images_ahead else 1)
         self._renderer: FrameRenderer | None = None
         self._server: PerceptionServer | None = None
+        self._lasting = frozenset(vars(self)) - {"max_force_n", "mean_force_n", "_renderer", "_server"}
 
     def reset(self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None) -> None:
         """Build the theatre and run it, arms held, until the first depth frame has arrived.
@@ -94,7 +96,7 @@ class ClosedLoop:
                 worker.abandon()
         noise_rng, service_rng, corruption_rng, texture_rng, tool_rng, scope_rng, timing_rng = rng.spawn(7)
         self.timer = StageTimer()
-        self.theatre = Theatre(self.config.theatre, self.config, seed=theatre_seed)
+        self.theatre = self.observed.build(theatre_seed)
         self._end_episode()
         errors = self.config.kinematic_errors
         exact = errors == KinematicErrors()
@@ -104,7 +106,7 @@ class ClosedLoop:
         self._scope_controller = self._controller(self.scope) if self._moves_scope else None
         self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
-        self._renderer = FrameRenderer(self._attached_camera(texture_rng), noise_rng, self.timer)
+        self._renderer = FrameRenderer(self.observed.look(texture_rng), noise_rng, self.timer)
         timing = self.config.timing
         samples = TimingSamples.draw(timing, service_rng, timing_rng)
         self.timing_log = TimingLog()
@@ -270,9 +272,29 @@ class ClosedLoop:
     def close(self) -> None:
         """End the running episode, if any, and all threads."""
         self._end_episode()
-        if self._camera is not None:
-            self._camera.close()
-            self._camera = None
+        self.observed.close()
+
+    def parts(self) -> dict[str, Any]:
+        """Return what outlives states: the objects to which they refer by name."""
+        names = "config", "estimator", "recorder", "rig", "timer"
+        mine = {f"loop.{name}": getattr(self, name) for name in names}
+        return {"loop": self, **mine, "loop.rig.camera": self.rig.camera, **self.observed.parts()}
+
+    def memory(self) -> dict[str, Any]:
+        """Return what changes from reset on, except theatre and camera, whose state is that of `observed`; not a copy."""
+        return {name: value for name, value in vars(self).items() if name not in self._lasting | {"theatre"}}
+
+    def set_scene(self, state: SceneState | None) -> None:
+        """End the running episode, and bring theatre and camera into a state; `remember` must follow."""
+        self._end_episode()
+        if state is not None:
+            before, self.theatre = self.observed.theatre, self.observed.set_state(state)
+            if self.theatre is not before:
+                self.recorder.begin(self.theatre, self.rig)
+
+    def remember(self, memory: dict[str, Any]) -> None:
+        """Go on from a copy of what `memory` has returned."""
+        vars(self).update(memory)
 
     def _end_episode(self) -> None:
         if self._server is not None:
@@ -295,20 +317,6 @@ class ClosedLoop:
         if self._server is None:
             raise SimulationError("no episode is running; call reset() first")
         return self._server
-
-    def _attached_camera(self, texture_rng: np.random.Generator) -> StripeCamera:
-        """Return the camera, made in the first episode, as it is at the begin of one and with the theatre before it."""
-        optics, theatre = self.config.optics, self.theatre
-        if self._camera is None:
-            # While physics goes on, it has work for the other cores; whoever looks at the image of the moment waits for it.
-            threads = None if self._images_ahead else 1
-            self._camera = StripeCamera(self.rig, optics, device=self.config.device, threads=threads)
-        elif self._camera.optics != optics:
-            # Exposure control has changed it.
-            self._camera.set_optics(optics)
-        appearance = theatre.config.tissue.appearance
-        self._camera.attach(theatre.model, tissue=theatre.tissue, rng=texture_rng, appearance=appearance)
-        return self._camera
 
     def _controller(self, arm: MiscalibratedArm) -> RcmController:
         controller = RcmController(arm.model, arm.trocar_in_world, self.config.rcm)

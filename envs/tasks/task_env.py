@@ -4,10 +4,8 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from numbers import Integral
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -31,10 +29,12 @@ from laploop.envs.tasks.observations import (
     observation_space,
 )
 from laploop.envs.tasks.registry import task_spec
+from laploop.envs.tasks.reset_arguments import check_reset
+from laploop.envs.tasks.savable_env import SavableEnv
 from laploop.envs.tasks.surface_point import SurfacePoint
 from laploop.envs.tasks.target_choice import checked_pixels, choose_target_pixel
 from laploop.envs.tasks.task_config import TaskConfig
-from laploop.errors import InvalidValueError, SimulationError, UnknownNameError
+from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.registry import make_estimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
@@ -46,7 +46,7 @@ HARMS = ("force", "rcm")
 """Values of `terminated_by` for an exceeded safety limit."""
 
 
-class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
+class TaskEnv(SavableEnv, Generic[ConfigT]):
     """A task in the closed loop; one step is one control period, 8 ms by default.
 
     The target is a material point of the tissue: the one that the chosen pixel showed when the first frame was captured. An
@@ -98,6 +98,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         if config is not None and not isinstance(config, self.config_type):
             raise InvalidValueError("config", type(config).__name__, f"a {self.config_type.__name__}")
         self.config: ConfigT = config or cast("Any", self.config_type)()
+        self._perception = perception
         scope = self.config.loop.theatre.scope
         estimator = make_estimator(perception, Rig.from_optics(scope)) if isinstance(perception, str) else perception
         if isinstance(estimator, type) or not isinstance(estimator, DepthEstimator):
@@ -127,6 +128,9 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self._measured: tuple[ServedFrame, bool] | None = None
         self._depth_mae_mm: float | None = None
         self._depth_valid_fraction: float | None = None
+
+    def _make_anew(self, config: Any, perception: str | DepthEstimator) -> None:
+        TaskEnv.__init__(self, config, perception)
 
     @property
     def task(self) -> str:
@@ -198,7 +202,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             UnknownNameError: If there is no such option.
             InvalidValueError: If the seed is not an integer from 0 on, or the chosen pixel shows no tissue.
         """
-        self._check_reset(seed, options)
+        check_reset(seed, options, self.reset_options)
         super().reset(seed=None if seed is None else int(seed))
         self._running = False
         theatre_rng, target_rng = self.np_random.spawn(2)
@@ -316,15 +320,6 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
     def is_assessed(self) -> bool:
         """Return whether this tick counts for the task's accuracy."""
         return True
-
-    def _check_reset(self, seed: Any, options: object) -> None:
-        if seed is not None and (isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= int(seed) < 2**63):
-            raise InvalidValueError("seed", seed, "an integer from 0 to 2**63 - 1, or None")
-        if options is not None and not isinstance(options, Mapping):
-            raise InvalidValueError("options", options, "a mapping, or None")
-        for name in options or {}:
-            if name not in self.reset_options:
-                raise UnknownNameError("option of reset", name, self.reset_options)
 
     def _harm(self) -> str | None:
         if self.loop.max_force_n > self.config.harm_force_n:
