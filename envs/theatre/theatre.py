@@ -176,8 +176,9 @@ class Theatre:
         self._steps = state.steps
         self._contact_force = state.contact_force.copy()
         self._references = copy.deepcopy(state.references)
-        # Brings back what follows from the state, to the bit, as at the end of the step after which it was taken.
-        self.refresh()
+        # Brings back what follows from the state, as at the end of the step after which it was taken. The stage is in place:
+        # its velocity is part of the state, and to place it anew would take the contact body's orientation of now, a step late.
+        mujoco.mj_step1(self.model, self.data)
         for name, trocar in self._trocars.items():
             trocar.set_state(state.trocars[name])
         self.log.set_state(state.log)
