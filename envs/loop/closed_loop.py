@@ -78,6 +78,7 @@ class ClosedLoop:
         self._renderer: FrameRenderer | None = None
         self._server: PerceptionServer | None = None
         self._lasting = frozenset(vars(self)) - {"max_force_n", "mean_force_n", "_renderer", "_server"}
+        self.timing = config.timing  # Of the next episode; `DelayRandomization` puts another one here.
 
     def reset(self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None) -> None:
         """Build the theatre and run it, arms held, until the first depth frame has arrived.
@@ -107,7 +108,7 @@ class ClosedLoop:
         self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
         self._renderer = FrameRenderer(self.observed.look(texture_rng), noise_rng, self.timer)
-        timing = self.config.timing
+        timing = self.timing
         samples = TimingSamples.draw(timing, service_rng, timing_rng)
         self.timing_log = TimingLog()
         self._transfer = FrameTransfer(timing, samples, self.timing_log)
@@ -265,7 +266,7 @@ class ClosedLoop:
             shaft_axis_in_camera=camera_from_world[:3, :3] @ self.tool.shaft_axis_in_world(),
             scope_trocar_in_camera=transform_points(camera_from_world, self.scope.trocar_in_world),
             world_from_camera=world_from_camera,
-            lead_ns=self.config.theatre.actuation.lead_ns + self.config.timing.command_ns,
+            lead_ns=self.config.theatre.actuation.lead_ns + self.timing.command_ns,
             marker_pixel=self.marker_pixel() if with_depth else None,
         )
 
@@ -276,8 +277,7 @@ class ClosedLoop:
 
     def parts(self) -> dict[str, Any]:
         """Return what outlives states: the objects to which they refer by name."""
-        names = "config", "estimator", "recorder", "rig", "timer"
-        mine = {f"loop.{name}": getattr(self, name) for name in names}
+        mine = {f"loop.{name}": getattr(self, name) for name in ("config", "estimator", "recorder", "rig", "timer")}
         return {"loop": self, **mine, "loop.rig.camera": self.rig.camera, **self.observed.parts()}
 
     def memory(self) -> dict[str, Any]:
@@ -349,7 +349,7 @@ class ClosedLoop:
                 world_from_camera=self.scope.world_from_camera(),
                 true_pose=true_pose,
                 view=self._renderer.take(self.theatre.data, true_pose),
-                time_stamp_offset_ns=self.config.timing.time_stamp_offset_ns,
+                time_stamp_offset_ns=self.timing.time_stamp_offset_ns,
             )
             if self._images_ahead:
                 captured.view.whole.begin()

@@ -1,9 +1,9 @@
 """A state, a copy and a pickle go on to the same bits as what they were taken from."""
 
 import copy
-import os
 import pickle
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -48,6 +48,11 @@ EVERYTHING = {
         Fault(kind="depth-jump", start_s=2.0, end_s=2.3),
     ),
 }
+
+
+def pickled(value):
+    """Return a copy by way of a pickle."""
+    return pickle.loads(pickle.dumps(value))  # noqa: S301  our own bytes
 
 
 def steps(env, count):
@@ -98,7 +103,7 @@ def test_a_state_goes_on_to_the_same_bits_where_it_was_taken_and_in_a_fresh_envi
     env.set_state(state)
     assert_same(expected, steps(env, 40))
     fresh = task_env(task, **changes)
-    fresh.set_state(pickle.loads(pickle.dumps(state)))
+    fresh.set_state(pickled(state))
     assert_same(expected, steps(fresh, 40))
 
 
@@ -126,7 +131,7 @@ def test_the_next_reset_without_a_seed_is_the_same_too(task_env):
     assert_same(steps(env, 5), steps(fresh, 5))
 
 
-@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickled])
 def test_a_copy_and_its_original_go_separate_ways(task_env, copied):
     env = task_env("reach", observation_mode="depth", timing=LATE)
     env.reset(seed=3)
@@ -162,7 +167,7 @@ def test_copies_and_states_leak_neither_threads_nor_descriptors(task_env):
     env.reset(seed=3)
 
     def held():
-        return threading.active_count(), len(os.listdir("/proc/self/fd"))
+        return threading.active_count(), len(list(Path("/proc/self/fd").iterdir()))
 
     def use():
         other = copy.deepcopy(env)
@@ -197,7 +202,7 @@ def test_a_state_of_something_else_is_refused_with_the_difference(task_env):
     other_timing = task_env("reach", observation_mode="state", max_seconds=3.0, timing=TimingConfig(drop_rate=0.5))
     with pytest.raises(InvalidValueError, match=r"config\.loop\.timing\.drop_rate of the state is 0\.0; allowed: 0\.5"):
         other_timing.set_state(state)
-    with pytest.raises(InvalidValueError, match="environment of the state is .*ReachEnv.*allowed: .*TrackEnv"):
+    with pytest.raises(InvalidValueError, match=r"environment of the state is .*ReachEnv.*allowed: .*TrackEnv"):
         task_env("track", observation_mode="state").set_state(state)
     with pytest.raises(InvalidValueError, match="perception of the state is 'oracle'; allowed: 'phase'"):
         ReachEnv(env.config, perception="phase").set_state(state)
