@@ -1,3 +1,4 @@
+from . import dm as dm
 from .async_policy import AsyncPolicy as AsyncPolicy
 from .async_policy import AsyncPolicyConfig as AsyncPolicyConfig
 from .environment_state import EnvironmentState as EnvironmentState
@@ -140,6 +141,7 @@ __all__ = [
     "TrackEnv",
     "TrocarConfig",
     "default_config",
+    "dm",
     "environment_id",
     "get_state",
     "optics_preset",

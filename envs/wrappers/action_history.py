@@ -36,12 +36,12 @@ class ActionHistory(StatefulWrapper):
         """
         RecordConstructorArgs.__init__(self, k=k)
         super().__init__(env)
+        self._task = task_of(env)
         if not isinstance(k, int) or not 1 <= k <= 1000:
             raise InvalidValueError("k", k, "an integer, 1 to 1000")
         actions, observed = env.action_space, env.observation_space
         if not isinstance(actions, spaces.Box) or len(actions.shape) != 1:
             raise InvalidValueError("action space of ActionHistory", actions, "a Box of one axis")
-        self._task = task_of(env)
         self._low, self._high = actions.low, actions.high
         low, high = np.tile(actions.low, (k, 1)), np.tile(actions.high, (k, 1))
         if isinstance(observed, spaces.Dict):

@@ -41,9 +41,9 @@ class AgeAwareFrameStack(StatefulWrapper):
         """
         RecordConstructorArgs.__init__(self, k=k)
         super().__init__(env)
+        self._task = task_of(env)
         if not isinstance(k, int) or not 1 <= k <= 64:
             raise InvalidValueError("k", k, "an integer, 1 to 64")
-        self._task = task_of(env)
         observed = env.observation_space
         images = image_spaces(observed, "AgeAwareFrameStack")
         found: dict[str, spaces.Space[Any]] = {}

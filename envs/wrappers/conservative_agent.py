@@ -38,9 +38,9 @@ class ConservativeAgent(StatefulWrapper):
         """
         RecordConstructorArgs.__init__(self, age_ms=age_ms)
         super().__init__(env)
+        self._task = task_of(env)
         if not isinstance(age_ms, int | float) or not 0.0 < age_ms <= LONGEST_MS:
             raise InvalidValueError("age_ms", age_ms, f"above 0 and at most {LONGEST_MS:g}")
-        self._task = task_of(env)
         self._keys = tuple(image_spaces(env.observation_space, "ConservativeAgent"))
         self._age_ns = round(age_ms * 1e6)
         self._held: dict[str, deque[tuple[FrameTime, Any]]] = {}

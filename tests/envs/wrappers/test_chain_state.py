@@ -64,6 +64,7 @@ def test_the_state_of_a_wrapped_environment_goes_on_to_the_same_bits_in_it_in_a_
     copied.close()
 
 
+@pytest.mark.filterwarnings("ignore:.*different from the unwrapped version")
 @pytest.mark.parametrize("wrapped", [images, vectors])
 def test_gymnasiums_checker_accepts_wrapped_environments(decisions, wrapped):
     check_env(wrapped(decisions), skip_render_check=True)
