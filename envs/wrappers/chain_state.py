@@ -107,5 +107,7 @@ def _parts(links: list[Any]) -> dict[str, Any]:
 
 
 def _memory(link: Any) -> dict[str, Any]:
+    """Return what a link would copy and pickle, without what belongs to no state."""
     lasting = {"env", "task_env", "spec", "_cached_spec", "metadata", *getattr(link, "lasting", ())}
-    return {name: value for name, value in vars(link).items() if name not in lasting and not isinstance(value, gym.Space)}
+    kept: dict[str, Any] = link.__getstate__() or {}
+    return {name: value for name, value in kept.items() if name not in lasting and not isinstance(value, gym.Space)}

@@ -1,3 +1,5 @@
+import threading
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -10,10 +12,15 @@ class Decisions(gym.Env):
     def __init__(self, task_env, image=None):
         self.task_env = task_env
         self.image = image
+        self.view = threading.Lock()
         self.action_space = spaces.Box(-1.0, 1.0, (3,), np.float32)
         vector = spaces.Box(-5.0, 5.0, (6,), np.float32)
         picture = spaces.Box(0, 255, (256, 256, 1), np.uint8)
         self.observation_space = vector if image is None else spaces.Dict({image: picture, "proprioception": vector})
+
+    def __getstate__(self):
+        # What cannot be pickled is made anew when it is needed.
+        return vars(self) | {"view": None}
 
     def reset(self, *, seed=None, options=None):
         observation, info = self.task_env.reset(seed=seed, options=options)

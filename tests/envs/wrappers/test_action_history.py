@@ -33,5 +33,5 @@ def test_a_dictionary_gets_an_entry_for_actions_and_one_for_the_age_unless_it_ha
 
 @pytest.mark.parametrize("k", [0, 1001, 2.0])
 def test_an_impossible_number_of_actions_is_refused(decisions, k):
-    with pytest.raises(InvalidValueError, match="k is .*an integer, 1 to 1000"):
+    with pytest.raises(InvalidValueError, match=r"k is .*an integer, 1 to 1000"):
         ActionHistory(decisions(), k)

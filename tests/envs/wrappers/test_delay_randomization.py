@@ -54,7 +54,7 @@ def test_a_stage_that_delays_nothing_that_is_observed_is_refused(task_env):
 def test_bad_bounds_and_stages_are_refused(task_env):
     env = task_env("reach")
     for delay in ((5.0, 1.0), (-1.0, 1.0), (0.0, 6000.0), (0.0, float("nan")), 10.0):
-        with pytest.raises(InvalidValueError, match="delay is .*a latency model, or bounds in ms"):
+        with pytest.raises(InvalidValueError, match=r"delay is .*a latency model, or bounds in ms"):
             DelayRandomization(env, delay)
     with pytest.raises(UnknownNameError, match="unknown stage 'servise'; did you mean 'service'"):
         DelayRandomization(env, stage="servise")
