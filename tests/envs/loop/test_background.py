@@ -91,7 +91,8 @@ def copied(pending, worker):
 
 def test_a_copy_holds_the_result_of_what_was_begun_and_the_work_of_what_was_not(worker):
     begun, later = worker.later(partial(time.sleep, 0.05)), worker.later(partial(time.sleep, 0.0))
-    after = worker.later(partial(math.hypot, 3.0, 4.0), after=later)
+    second = BackgroundWorker("perception", worker.timer)
+    after = second.later(partial(math.hypot, 3.0, 4.0), after=later)
     begun.begin()
     one, other = copied(begun, worker), copied(after, worker)
     assert (one.begun, other.begun) == (True, False)
