@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, wait
 from functools import partial
 from typing import Any, Generic, TypeVar
 
@@ -23,6 +23,7 @@ class BackgroundWorker:
         self._stage = stage
         self.timer = timer
         self.abandoned = False
+        self._begun: Future[Any] | None
         self._start_executor()
 
     def later(self, work: Callable[[], ResultT], *, after: "Pending[Any] | None" = None) -> "Pending[ResultT]":
@@ -39,13 +40,21 @@ class BackgroundWorker:
             SimulationError: If the worker is closed.
         """
         try:
-            return self._executor.submit(work)
+            future = self._executor.submit(work)
         except RuntimeError:
             raise _over() from None
+        self._begun = future
+        return future
+
+    def settle(self) -> None:
+        """Wait for all that has been begun."""
+        if self._begun is not None:
+            # One thread, so that the newest job is the last.
+            wait([self._begun])
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what copies and pickles: a copy has a thread of its own, from its first job on."""
-        return {name: value for name, value in vars(self).items() if name != "_executor"}
+        return {name: value for name, value in vars(self).items() if name not in {"_executor", "_begun"}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -65,6 +74,7 @@ class BackgroundWorker:
 
     def _start_executor(self) -> None:
         self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=self._stage)
+        self._begun = None
 
     def _timed(self, work: Callable[[], ResultT], after: "Pending[Any] | None") -> ResultT:
         if after is not None:
@@ -80,7 +90,8 @@ class BackgroundWorker:
 class Pending(Generic[ResultT]):
     """A result that is there as soon as somebody needs it; any thread may ask.
 
-    A copy, or a pickle, of one that has been begun waits for its result and holds that; another holds the work.
+    A copy, or a pickle, of one that has been begun waits for its result and holds that; another holds the work, which no thread
+    may begin meanwhile: `BackgroundWorker.settle` sees to that.
     """
 
     def __init__(self, worker: BackgroundWorker, work: Callable[[], ResultT]) -> None:

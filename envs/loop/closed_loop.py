@@ -108,12 +108,11 @@ class ClosedLoop:
         self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
         self._renderer = FrameRenderer(self.observed.look(texture_rng), noise_rng, self.timer)
-        timing = self.timing
-        samples = TimingSamples.draw(timing, service_rng, timing_rng)
-        self.timing_log = TimingLog()
-        self._transfer = FrameTransfer(timing, samples, self.timing_log)
-        self._server = PerceptionServer(self.estimator, timing, samples, self.timing_log, self.timer, ahead=self._depth_ahead)
-        self._commands = CommandPath(samples, self.config, self.timing_log)
+        samples = TimingSamples.draw(self.timing, service_rng, timing_rng)
+        log = self.timing_log = TimingLog()
+        self._transfer = FrameTransfer(self.timing, samples, log)
+        self._server = PerceptionServer(self.estimator, self.timing, samples, log, self.timer, ahead=self._depth_ahead)
+        self._commands = CommandPath(samples, self.config, log)
         self._proprioception = Proprioception(self.tool, self.config.proprioception, self.config)
         self._proprioception.reset(np.random.RandomState(corruption_rng.integers(2**32)))
         self.frame_count = 0
@@ -281,7 +280,10 @@ class ClosedLoop:
         return {"loop": self, **mine, "loop.rig.camera": self.rig.camera, **self.observed.parts()}
 
     def memory(self) -> dict[str, Any]:
-        """Return what changes from reset on, except theatre and camera, whose state is that of `observed`; not a copy."""
+        """Return what changes from reset on, except theatre and camera (`observed`): not a copy, but nothing is under way."""
+        for worker in (self._server, self._renderer):
+            if worker is not None:
+                worker.settle()
         return {name: value for name, value in vars(self).items() if name not in self._lasting | {"theatre"}}
 
     def set_scene(self, state: SceneState | None) -> None:
@@ -297,12 +299,10 @@ class ClosedLoop:
         vars(self).update(memory)
 
     def _end_episode(self) -> None:
-        if self._server is not None:
-            self._server.close()
-            self._server = None
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        for worker in (self._server, self._renderer):
+            if worker is not None:
+                worker.close()
+        self._server = self._renderer = None
 
     def _take_extremes(self) -> None:
         """Find the worst of the newest control period's physics steps."""

@@ -171,6 +171,10 @@ class PerceptionServer:
         """Begin nothing any more; does not wait for what is under way."""
         self._thread.abandon()
 
+    def settle(self) -> None:
+        """Wait for what is under way, and go on."""
+        self._thread.settle()
+
     def close(self) -> None:
         """Wait for what is under way and end the thread."""
         self._thread.close()

@@ -42,7 +42,6 @@ class SavableEnv(gym.Env[dict[str, Any], NDArray[np.float32]]):
         own = {name: value for name, value in vars(self).items() if name not in _LASTING}
         # An environment that was never reset has no generator of its own yet.
         own |= {"_np_random": self._np_random, "_np_random_seed": self._np_random_seed}
-        # Packing waits for what is computed in the background, on which the camera's state depends.
         memory = packed({"task": own, "loop": self.loop.memory()}, self._parts())
         scene = self.loop.observed.get_state()
         return EnvironmentState(**self._identity(), version=laploop_version(), scene=scene, memory=memory)

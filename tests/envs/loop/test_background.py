@@ -109,3 +109,13 @@ def test_a_copy_of_what_failed_raises_the_same_error(worker):
     worker.close()
     with pytest.raises(SimulationError, match="the episode ended before"):
         copied(never, worker).wait()
+
+
+def test_settled_workers_have_nothing_under_way(worker):
+    done = []
+    worker.settle()
+    jobs = [worker.later(lambda number=number: (time.sleep(0.02), done.append(number))) for number in range(3)]
+    for job in jobs:
+        job.begin()
+    worker.settle()
+    assert done == [0, 1, 2]

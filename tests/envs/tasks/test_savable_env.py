@@ -99,12 +99,12 @@ def test_a_state_goes_on_to_the_same_bits_where_it_was_taken_and_in_a_fresh_envi
     steps(env, 17)
     assert in_flight(env) > 0
     state = env.get_state()
-    expected = steps(env, 40)
+    expected = steps(env, 25)
     env.set_state(state)
-    assert_same(expected, steps(env, 40))
+    assert_same(expected, steps(env, 25))
     fresh = task_env(task, **changes)
     fresh.set_state(pickled(state))
-    assert_same(expected, steps(fresh, 40))
+    assert_same(expected, steps(fresh, 25))
 
 
 @pytest.mark.slow
