@@ -1,6 +1,7 @@
 """Everything between a desired tip velocity and the next depth frame: physics, stripes, perception, trocar-aware control."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from laploop.envs.loop.frame_renderer import FrameRenderer
 from laploop.envs.loop.kinematic_errors import KinematicErrors
 from laploop.envs.loop.limit_monitor import LimitMonitor
 from laploop.envs.loop.miscalibrated_arm import MiscalibratedArm, MiscalibratedScope, MiscalibratedTool
+from laploop.envs.loop.observed_theatre import ObservedTheatre, SceneState
 from laploop.envs.loop.perception_server import PerceptionServer, ServedFrame
 from laploop.envs.loop.proprioception import Proprioception, ProprioceptiveReading
 from laploop.envs.loop.stage_timer import StageTimer
@@ -23,8 +25,6 @@ from laploop.envs.loop.timing.config import TimingSamples
 from laploop.envs.loop.timing.frame_transfer import FrameTransfer
 from laploop.envs.loop.timing.log import TimingLog
 from laploop.envs.recording.recorder import ARM_NAMES, FrameRecord, NullRecorder, Recorder
-from laploop.envs.sensors.stripe_camera import StripeCamera
-from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
@@ -73,9 +73,12 @@ class ClosedLoop:
         self.max_force_n = self.mean_force_n = 0.0
         self._images_ahead = images or self.recorder.takes_frames or self.recorder.takes_depth
         self._depth_ahead = depth or self.recorder.takes_depth
-        self._camera: StripeCamera | None = None
+        # While physics goes on, the camera has work for the other cores; whoever looks at the image of the moment waits for it.
+        self.observed = ObservedTheatre(config, self.rig, threads=None if self._images_ahead else 1)
         self._renderer: FrameRenderer | None = None
         self._server: PerceptionServer | None = None
+        self._lasting = frozenset(vars(self)) - {"max_force_n", "mean_force_n", "_renderer", "_server"}
+        self.timing = config.timing  # Of the next episode; `DelayRandomization` puts another one here.
 
     def reset(self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None) -> None:
         """Build the theatre and run it, arms held, until the first depth frame has arrived.
@@ -94,7 +97,7 @@ class ClosedLoop:
                 worker.abandon()
         noise_rng, service_rng, corruption_rng, texture_rng, tool_rng, scope_rng, timing_rng = rng.spawn(7)
         self.timer = StageTimer()
-        self.theatre = Theatre(self.config.theatre, self.config, seed=theatre_seed)
+        self.theatre = self.observed.build(theatre_seed)
         self._end_episode()
         errors = self.config.kinematic_errors
         exact = errors == KinematicErrors()
@@ -104,13 +107,12 @@ class ClosedLoop:
         self._scope_controller = self._controller(self.scope) if self._moves_scope else None
         self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
-        self._renderer = FrameRenderer(self._attached_camera(texture_rng), noise_rng, self.timer)
-        timing = self.config.timing
-        samples = TimingSamples.draw(timing, service_rng, timing_rng)
-        self.timing_log = TimingLog()
-        self._transfer = FrameTransfer(timing, samples, self.timing_log)
-        self._server = PerceptionServer(self.estimator, timing, samples, self.timing_log, self.timer, ahead=self._depth_ahead)
-        self._commands = CommandPath(samples, self.config, self.timing_log)
+        self._renderer = FrameRenderer(self.observed.look(texture_rng), noise_rng, self.timer)
+        samples = TimingSamples.draw(self.timing, service_rng, timing_rng)
+        log = self.timing_log = TimingLog()
+        self._transfer = FrameTransfer(self.timing, samples, log)
+        self._server = PerceptionServer(self.estimator, self.timing, samples, log, self.timer, ahead=self._depth_ahead)
+        self._commands = CommandPath(samples, self.config, log)
         self._proprioception = Proprioception(self.tool, self.config.proprioception, self.config)
         self._proprioception.reset(np.random.RandomState(corruption_rng.integers(2**32)))
         self.frame_count = 0
@@ -265,24 +267,44 @@ class ClosedLoop:
             shaft_axis_in_camera=camera_from_world[:3, :3] @ self.tool.shaft_axis_in_world(),
             scope_trocar_in_camera=transform_points(camera_from_world, self.scope.trocar_in_world),
             world_from_camera=world_from_camera,
-            lead_ns=self.config.theatre.actuation.lead_ns + self.config.timing.command_ns,
+            lead_ns=self.config.theatre.actuation.lead_ns + self.timing.command_ns,
             marker_pixel=self.marker_pixel() if with_depth else None,
         )
 
     def close(self) -> None:
         """End the running episode, if any, and all threads."""
         self._end_episode()
-        if self._camera is not None:
-            self._camera.close()
-            self._camera = None
+        self.observed.close()
+
+    def parts(self) -> dict[str, Any]:
+        """Return what outlives states: the objects to which they refer by name."""
+        mine = {f"loop.{name}": getattr(self, name) for name in ("config", "estimator", "recorder", "rig", "timer")}
+        return {"loop": self, **mine, "loop.rig.camera": self.rig.camera, **self.observed.parts()}
+
+    def memory(self) -> dict[str, Any]:
+        """Return what changes from reset on, except theatre and camera (`observed`): not a copy, but nothing is under way."""
+        for worker in (self._server, self._renderer):
+            if worker is not None:
+                worker.settle()
+        return {name: value for name, value in vars(self).items() if name not in self._lasting | {"theatre"}}
+
+    def set_scene(self, state: SceneState | None) -> None:
+        """End the running episode, and bring theatre and camera into a state; `remember` must follow."""
+        self._end_episode()
+        if state is not None:
+            before, self.theatre = self.observed.theatre, self.observed.set_state(state)
+            if self.theatre is not before:
+                self.recorder.begin(self.theatre, self.rig)
+
+    def remember(self, memory: dict[str, Any]) -> None:
+        """Go on from a copy of what `memory` has returned."""
+        vars(self).update(memory)
 
     def _end_episode(self) -> None:
-        if self._server is not None:
-            self._server.close()
-            self._server = None
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        for worker in (self._server, self._renderer):
+            if worker is not None:
+                worker.close()
+        self._server = self._renderer = None
 
     def _take_extremes(self) -> None:
         """Find the worst of the newest control period's physics steps."""
@@ -297,20 +319,6 @@ class ClosedLoop:
         if self._server is None:
             raise SimulationError("no episode is running; call reset() first")
         return self._server
-
-    def _attached_camera(self, texture_rng: np.random.Generator) -> StripeCamera:
-        """Return the camera, made in the first episode, as it is at the begin of one and with the theatre before it."""
-        optics, theatre = self.config.optics, self.theatre
-        if self._camera is None:
-            # While physics goes on, it has work for the other cores; whoever looks at the image of the moment waits for it.
-            threads = None if self._images_ahead else 1
-            self._camera = StripeCamera(self.rig, optics, device=self.config.device, threads=threads)
-        elif self._camera.optics != optics:
-            # Exposure control has changed it.
-            self._camera.set_optics(optics)
-        appearance = theatre.config.tissue.appearance
-        self._camera.attach(theatre.model, tissue=theatre.tissue, rng=texture_rng, appearance=appearance)
-        return self._camera
 
     def _controller(self, arm: MiscalibratedArm) -> RcmController:
         controller = RcmController(arm.model, arm.trocar_in_world, self.config.rcm)
@@ -343,7 +351,7 @@ class ClosedLoop:
                 world_from_camera=self.scope.world_from_camera(),
                 true_pose=true_pose,
                 view=self._renderer.take(self.theatre.data, true_pose),
-                time_stamp_offset_ns=self.config.timing.time_stamp_offset_ns,
+                time_stamp_offset_ns=self.timing.time_stamp_offset_ns,
             )
             # The first frame is always looked at; where its image will be needed, too, that comes at the same price.
             if self._images_ahead or (self.first_captured is None and self._running_server().begins_images):

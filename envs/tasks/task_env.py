@@ -6,7 +6,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -31,6 +30,7 @@ from laploop.envs.tasks.observations import (
 )
 from laploop.envs.tasks.registry import task_spec
 from laploop.envs.tasks.reset_arguments import check_reset
+from laploop.envs.tasks.savable_env import SavableEnv
 from laploop.envs.tasks.surface_point import SurfacePoint
 from laploop.envs.tasks.target_choice import checked_pixels, choose_target_pixel
 from laploop.envs.tasks.task_config import TaskConfig
@@ -46,7 +46,7 @@ HARMS = ("force", "rcm")
 """Values of `terminated_by` for an exceeded safety limit."""
 
 
-class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
+class TaskEnv(SavableEnv, Generic[ConfigT]):
     """A task in the closed loop; one step is one control period, 8 ms by default.
 
     The target is a material point of the tissue: the one that the chosen pixel showed when the first frame was captured. An
@@ -98,6 +98,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         if config is not None and not isinstance(config, self.config_type):
             raise InvalidValueError("config", type(config).__name__, f"a {self.config_type.__name__}")
         self.config: ConfigT = config or cast("Any", self.config_type)()
+        self._perception = perception
         scope = self.config.loop.theatre.scope
         estimator = make_estimator(perception, Rig.from_optics(scope)) if isinstance(perception, str) else perception
         if isinstance(estimator, type) or not isinstance(estimator, DepthEstimator):
@@ -127,6 +128,9 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self._measured: tuple[ServedFrame, bool] | None = None
         self._depth_mae_mm: float | None = None
         self._depth_valid_fraction: float | None = None
+
+    def _make_anew(self, config: Any, perception: str | DepthEstimator) -> None:
+        TaskEnv.__init__(self, config, perception)
 
     @property
     def task(self) -> str:
