@@ -22,6 +22,7 @@ from laploop.envs.tasks.actions import action_bound, action_size, scaled_action
 from laploop.envs.tasks.registry import default_config, make_environment, task_spec
 from laploop.envs.tasks.task_config import TaskConfig
 from laploop.envs.tasks.task_env import HARMS, Info, TaskEnv
+from laploop.envs.wrappers.chain_state import ChainState, get_state, set_state
 from laploop.errors import InvalidValueError, LaploopNote, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 
@@ -93,6 +94,10 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     task_name: ClassVar[str | None] = None
     """The task, where a class is made for one."""
+    lasting: ClassVar[frozenset[str]] = frozenset(
+        {"options", "layout", "decision_ticks", "action_scale", "depth_near_mm", "depth_far_mm", "render_mode", "_viewer"}
+    )
+    """Attributes that belong to no state."""
 
     def __init__(
         self,
@@ -231,6 +236,19 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self._view is None:
             self._view = EpisodeView(self.task_env, self.options.render_view)
         return self._view.picture()
+
+    def get_state(self) -> ChainState:
+        """Return everything that shapes the future; errors as for `TaskEnv.get_state`."""
+        return get_state(self)
+
+    def set_state(self, state: ChainState) -> None:
+        """Go on from a state of an environment like this one; errors as for `TaskEnv.set_state`."""
+        self._drop_view()
+        set_state(self, state)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what copies and pickles: neither pictures nor a viewer."""
+        return vars(self) | {"_view": None, "_viewer": None}
 
     def close(self) -> None:
         """End the episode, its threads and its recording."""
