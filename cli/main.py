@@ -37,6 +37,10 @@ EXIT_BAD_INPUT = 2
 
 
 COMMANDS = {
+    "demo": "touch a point on breathing tissue; a first look, anywhere",
+    "doctor": "check this machine: versions, caches, display, extras, speed",
+    "view": "open a recording in the viewer, or in the browser",
+    "completion": "print the completion of commands and options for a shell",
     "speed": "time a depth model alone, frame after frame",
     "export": "write a depth network as ONNX",
     "config": "write the configuration of an episode as a file",
