@@ -179,6 +179,6 @@ commands:
 {commands}
 
 `laploop <command> --help` lists a command's options; `laploop --version` shows the version.
-Every command writes its artefacts into DIR and, last, DIR/summary.json.
+Commands with --out write their artefacts into DIR and, last, DIR/summary.json. `laploop completion SHELL` completes them all.
 Exit status: 0 done, 1 could not do it, 2 bad input, 130 interrupted, 143 terminated.
 """
