@@ -252,17 +252,22 @@ class RerunRecorder(Recorder):
         self._stream.log(f"world/trocars/{arm.name}", ring, static=True)
 
     def _log_bodies(self, theatre: "Theatre") -> None:
-        """Log the shapes of all bodies, and their poses at time 0."""
+        """Log the poses of all bodies at time 0, and then their shapes.
+
+        A viewer that is fed over the network gets static data before all other: shapes that were static would lie in a heap at
+        the origin until their poses have arrived.
+        """
         bodies = tuple(drawn_bodies(theatre.model))
-        self._at(0)
+        self._at(0, 0)
         for body in bodies:
-            log_shapes(self._stream, theatre.model, body)
-            ids = np.array([body.body_id])
             pose = rr.Transform3D(
                 translation=theatre.data.xpos[body.body_id],
-                quaternion=rr.Quaternion(xyzw=body_quaternions(theatre.data, ids)[0]),
+                quaternion=rr.Quaternion(xyzw=body_quaternions(theatre.data, np.array([body.body_id]))[0]),
             )
             self._stream.log(body.path, pose, static=not body.moves)
+        self._stream.flush()
+        for body in bodies:
+            log_shapes(self._stream, theatre.model, body)
         self._bodies = tuple(body for body in bodies if body.moves)
         self._body_ids = np.array([body.body_id for body in self._bodies], dtype=np.intp)
 

@@ -55,7 +55,7 @@ def body_quaternions(data: mujoco.MjData, body_ids: NDArray[np.intp]) -> NDArray
 
 
 def log_shapes(stream: rr.RecordingStream, model: mujoco.MjModel, body: DrawnBody) -> None:
-    """Log the geoms of a body, static in the body's frame."""
+    """Log the geoms of a body, once, in the body's frame, at the time that the stream is at."""
     for number, geom_id in enumerate(body.geom_ids):
         name = model.geom(geom_id).name.rsplit("/", 1)[-1] or f"geom_{number}"
         path = f"{body.path}/{name}"
@@ -65,7 +65,7 @@ def log_shapes(stream: rr.RecordingStream, model: mujoco.MjModel, body: DrawnBod
         )
         shape = _shape(model, geom_id)
         if shape is not None:
-            stream.log(path, pose, shape, static=True)
+            stream.log(path, pose, shape)
 
 
 def _shape(model: mujoco.MjModel, geom_id: int) -> rr.AsComponents | None:

@@ -7,7 +7,10 @@ from laploop.cli.main import main
 
 ASK = """
 source {script}
-ask() {{ COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); COMP_LINE="$*"; COMP_POINT=${{#COMP_LINE}}; _tyro_laploop; echo "${{COMPREPLY[@]}}"; }}
+ask() {{
+  COMP_WORDS=("$@"); COMP_CWORD=$(($# - 1)); COMP_LINE="$*"; COMP_POINT=${{#COMP_LINE}}
+  _tyro_laploop; echo "${{COMPREPLY[@]}}"
+}}
 ask laploop do
 ask laploop run --mot
 ask laploop run --motion brea

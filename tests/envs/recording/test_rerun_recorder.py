@@ -264,6 +264,9 @@ def test_everything_has_its_pose_at_time_0_before_the_first_record(tmp_path):
         recorder.begin(theatre, RIG)
     poses = column(path, "/world/tool_arm/tip", "Transform3D:translation")
     assert [(time, pose[0][2]) for time, pose in poses] == [(0, pytest.approx(0.097, abs=1e-8))]
+    # A viewer is sent what is static first, so that shapes must not be.
+    order = [(chunk.entity_path, chunk.is_static) for chunk in chunks_of(path)]
+    assert order.index(("/world/tool_arm/tip", False)) < order.index(("/world/tool_arm/tip/ball", False))
 
 
 def test_poses_and_ticks_carry_their_simulated_times(tmp_path):
