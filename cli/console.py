@@ -36,7 +36,7 @@ def progress_bar(what: str, total: float) -> Iterator[Callable[[float], None]]:
             progress.update(task, description=f"{what}, stopped")
             raise
         done = progress.tasks[0].completed
-        progress.update(task, **({"total": done} if done else {"completed": total}))
+        progress.update(task, completed=done or total, total=done or total)
 
 
 def rounded(value: float) -> str:

@@ -47,7 +47,7 @@ def open_device(name: str) -> wp.Device:
 
 def kernel_cache() -> Path:
     """Return the folder that keeps compiled kernels; known once a device was opened."""
-    return Path(wp.config.kernel_cache_dir)
+    return Path(wp.config.kernel_cache_dir or ".")
 
 
 @contextlib.contextmanager
