@@ -92,5 +92,9 @@ def key_picture(scale: ColorScale, title: str, *, width: int = 480, height: int 
     write(title, 0.5 * width, 17)
     for fraction in (0.0, 0.5, 1.0):
         value = scale.low_mm + fraction * (scale.high_mm - scale.low_mm)
-        write(f"{value:+.0f}" if scale.low_mm < 0.0 else f"{value:.0f}", margin + fraction * (width - 2 * margin), height - 7)
+        write(
+            f"{value:+.0f}" if value and scale.low_mm < 0.0 else f"{value:.0f}",
+            margin + fraction * (width - 2 * margin),
+            height - 7,
+        )
     return picture

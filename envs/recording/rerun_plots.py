@@ -82,6 +82,9 @@ def _velocities() -> Iterator[tuple[str, Series]]:
         yield f"tip_{name}", Series(label=f"{name} actual", color=color, width=2.0, value=value("tip_velocity_mps", axis))
 
 
+_MARKERS: Mapping[str, Color] = {"target": (60, 220, 90), "goal": (245, 245, 245), "prediction": (230, 159, 0)}
+_MARKER_RADIUS_M = 0.0015
+
 _ARMS = dict(zip(ARM_NAMES, ("camera arm", "tool arm"), strict=True))
 _SHAFTS = dict(zip(ARM_NAMES, ("on the scope's shaft", "on the tool's shaft"), strict=True))
 _OFF_GOAL = {"along": "along the normal", "across": "across it"}
@@ -162,6 +165,7 @@ class TickPlots:
         self._stream = stream
         self._states: dict[str, str] = {}
         self._terms: set[str] = set()
+        self._marked: set[str] = set()
         for name, plot in PLOTS.items():
             for entity, series in plot.series.items():
                 self._style(f"{name}/{entity}", series.label, series.color, series.width)
@@ -182,9 +186,9 @@ class TickPlots:
             self._scalars(f"{REWARD_PLOT}/{term}", [(tick.now_ns, tick.reward_terms.get(term)) for tick in ticks])
         for lane, state in STATES.items():
             self._changes(lane, [(tick.now_ns, state(tick)) for tick in ticks])
-        self._points("world/target", [(tick.now_ns, tick.target_in_world) for tick in ticks])
-        self._points("world/goal", [(tick.now_ns, tick.goal_in_world) for tick in ticks])
-        self._points("world/prediction", [(record.now_ns, record.predicted_in_world) for record in predictions])
+        self._marker("target", [(tick.now_ns, tick.target_in_world) for tick in ticks])
+        self._marker("goal", [(tick.now_ns, tick.goal_in_world) for tick in ticks])
+        self._marker("prediction", [(record.now_ns, record.predicted_in_world) for record in predictions])
 
     def _style(self, path: str, label: str, color: Color, width: float = 1.5) -> None:
         self._stream.log(f"plots/{path}", rr.SeriesLines(names=[label], colors=[color], widths=[width]), static=True)
@@ -195,11 +199,17 @@ class TickPlots:
             columns = rr.Scalars.columns(scalars=[value for _, value in known])
             self._stream.send_columns(f"plots/{path}", [times([now_ns for now_ns, _ in known])], columns)
 
-    def _points(self, path: str, samples: Sequence[tuple[int, Array | None]]) -> None:
+    def _marker(self, name: str, samples: Sequence[tuple[int, Array | None]]) -> None:
+        """Send the places of a marker; it is drawn from the first of them on."""
         known = [(now_ns, point) for now_ns, point in samples if point is not None]
-        if known:
-            columns = rr.Transform3D.columns(translation=np.stack([point for _, point in known]))
-            self._stream.send_columns(path, [times([now_ns for now_ns, _ in known])], columns)
+        if not known:
+            return
+        columns = rr.Transform3D.columns(translation=np.stack([point for _, point in known]))
+        self._stream.send_columns(f"world/{name}", [times([now_ns for now_ns, _ in known])], columns)
+        if name not in self._marked:
+            self._marked.add(name)
+            ball = rr.Points3D.columns(positions=[[0.0, 0.0, 0.0]], radii=[_MARKER_RADIUS_M], colors=[_MARKERS[name]])
+            self._stream.send_columns(f"world/{name}", [times([known[0][0]])], ball)
 
     def _changes(self, lane: str, samples: Sequence[tuple[int, str]]) -> None:
         """Send the ticks at which a state changes."""

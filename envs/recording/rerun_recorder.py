@@ -38,7 +38,6 @@ _LIVE_FLUSH_TICKS = 12
 _BATCH_S, _LIVE_BATCH_S = 5.0, 0.1
 
 _TISSUE_COLOR = (222, 146, 132)
-_MARKERS = {"target": (60, 220, 90), "goal": (245, 245, 245), "prediction": (230, 159, 0)}
 _TROCAR_COLOR = (245, 215, 66)
 _TROCAR_RADIUS_M = 0.011
 """A little more than that of the modelled rings."""
@@ -94,7 +93,7 @@ class RerunRecorder(Recorder):
         self._poses: list[tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]] = []
         self._depth_scale: ColorScale | None = None
         self._error_scale = ColorScale.of_errors()
-        self._shown: set[str] = set()
+        self._pinhole: rr.Pinhole | None = None
         self._rays_in_camera = np.empty((0, 0, 3))
         self._map_stride = self._point_stride = slice(None)
         self._last_ns: dict[str, int] = {}
@@ -131,29 +130,25 @@ class RerunRecorder(Recorder):
         self._tissue = TissueShape(triangles, points, tolerance_m=self._detail.tissue_tolerance_m)
         tissue = rr.Mesh3D.from_fields(triangle_indices=triangles.astype(np.uint32), albedo_factor=_TISSUE_COLOR)
         stream.log("world/tissue", tissue, static=True)
-        camera = rr.Pinhole(
+        self._pinhole = rr.Pinhole(
             resolution=[rig.camera.width, rig.camera.height],
             focal_length=[rig.camera.fx, rig.camera.fy],
             principal_point=[rig.camera.cx, rig.camera.cy],
             camera_xyz=rr.ViewCoordinates.RDF,
             image_plane_distance=0.03,
         )
-        stream.log("world/camera", camera, static=True)
         self._log_key("error", self._error_scale)
 
     def tick(self, record: TickRecord) -> None:
         """Keep a control tick until the next batch."""
         self._begun()
-        self._show("target")
-        if record.goal_in_world is not None:
-            self._show("goal")
         self._ticks.append(record)
         if len(self._ticks) >= (_FLUSH_TICKS if self._live is None else _LIVE_FLUSH_TICKS):
             self._send_batch()
 
     def prediction(self, record: PredictionRecord) -> None:
         """Keep a prediction until the next batch."""
-        self._show("prediction")
+        self._begun()
         self._predictions.append(record)
 
     def frame(self, record: FrameRecord) -> None:
@@ -167,6 +162,9 @@ class RerunRecorder(Recorder):
         stream.log("scope/image/stripes", self._encoded_stripes(record.frame.image))
         world_from_camera = record.frame.world_from_camera
         stream.log("world/camera", rr.Transform3D(translation=world_from_camera[:3, 3], mat3x3=world_from_camera[:3, :3]))
+        if self._pinhole is not None:
+            stream.log("world/camera", self._pinhole)
+            self._pinhole = None
         self._pose_times.append(record.now_ns)
         self._poses.append(self._pose(theatre))
 
@@ -221,13 +219,6 @@ class RerunRecorder(Recorder):
         if due:
             self._last_ns[kind] = now_ns
         return due
-
-    def _show(self, marker: str) -> None:
-        """Draw a marker as soon as it has a place."""
-        if marker not in self._shown:
-            self._shown.add(marker)
-            points = rr.Points3D([[0.0, 0.0, 0.0]], radii=[0.0015], colors=[_MARKERS[marker]])
-            self._stream.log(f"world/{marker}", points, static=True)
 
     def _scale(self, exact_depth_mm: NDArray[np.float32]) -> ColorScale:
         """Return the colours of depths, which the first frame decides."""
