@@ -36,7 +36,7 @@ class RunArguments:
     rerun: bool = True
     """Write the Rerun recording."""
     detail: DetailName = "default"
-    """How much the recording keeps: default (at most 2 MB a simulated second), or full (about 10 MB; depth as numbers)."""
+    """How much the recording keeps: default (at most 2 MB a simulated second), or full (about 7 MB; depth as numbers)."""
     live: bool = False
     """Show the recording while it is made: in the viewer that listens at 127.0.0.1:9876, or in a window of a new one."""
     video: Path | None = None

@@ -62,7 +62,7 @@ class RerunRecorder(Recorder):
 
         Args:
             path: Path of the recording, in an existing folder.
-            detail: How much to keep; a second of recording takes 2 MB at most by default, about 10 MB in full.
+            detail: How much to keep; a second of recording takes 2 MB at most by default, about 7 MB in full.
             live: Address of a viewer, `rerun+http://HOST:PORT/proxy`, that gets everything as well, at once.
 
         Raises:
