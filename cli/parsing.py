@@ -43,7 +43,7 @@ def parse_known(
     def refuse(event: tyro_errors.ParseErrorEvent) -> None:
         raise _in_one_line(event, arguments)
 
-    with _BOUNDS_IN_HELP, tyro_errors.on_parse_error(refuse):
+    with BOUNDS_IN_HELP, tyro_errors.on_parse_error(refuse):
         given: Any = tyro.MISSING_NONPROP if default is None else default
         return tyro.cli(kind, args=list(arguments), prog=f"laploop {command}", default=given, return_unknown_args=True)
 
@@ -51,7 +51,7 @@ def parse_known(
 def options_of(kind: type) -> list[str]:
     """Return the names of all options of a command, with their dashes."""
     text = io.StringIO()
-    with _BOUNDS_IN_HELP, redirect_stdout(text), suppress(SystemExit):
+    with BOUNDS_IN_HELP, redirect_stdout(text), suppress(SystemExit):
         tyro.cli(kind, args=["--help"])
     return re.findall(r"(?<![\w-])--[a-z][\w.-]*", text.getvalue())
 
@@ -76,7 +76,8 @@ def _in_one_line(event: tyro_errors.ParseErrorEvent, arguments: Sequence[str]) -
         return UsageError(" ".join(str(getattr(event, "message", event)).split()))
     wanted = str(argument.lowered.metavar)
     wanted = wanted[1:-1].replace(",", ", ") if wanted.startswith("{") else wanted
-    if not (given := _given(arguments, _name(argument))):
+    given = _given(arguments, _name(argument)) if _name(argument).startswith("-") else [*arguments[:1]]
+    if not given:
         return UsageError(f"{_name(argument)} needs a value: {wanted}")
     return UsageError(f"{_name(argument)} is {' '.join(given)!r}; allowed: {wanted}")
 
@@ -108,10 +109,11 @@ def _without_none(annotation: Any) -> Any:
     return tyro.conf.arg(metavar="|".join(words), help_behavior_hint="")
 
 
-_BOUNDS_IN_HELP = ConstructorRegistry()
+BOUNDS_IN_HELP = ConstructorRegistry()
+"""How tyro reads our dataclasses: with the bounds behind the docstrings."""
 
 
-@_BOUNDS_IN_HELP.struct_rule
+@BOUNDS_IN_HELP.struct_rule
 def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
     """Take dataclasses as tyro does, with the bounds behind the docstrings; leave it those whose fields have open types."""
     if not dataclasses.is_dataclass(info.type) or Generic in info.type.__mro__:
