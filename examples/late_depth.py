@@ -3,8 +3,9 @@
 
 Follow breathing tissue with depth that comes later and later, with and without prediction.
 
-A controller that holds the newest measurement lags behind a sine of amplitude A and frequency f by 2 A sin(pi f t), where t is
-the age of what it knows; that is the dashed line. A predictor that has learned the breathing goes on from there.
+A follower that repeats what it saw a time t ago is off by a sine of amplitude 2 A sin(pi f t), for a motion of amplitude A and
+frequency f: the dashed line. Without prediction the controller is off by that and by what its own gain leaves; a predictor
+that has learned the breathing does away with both.
 """
 
 import argparse
