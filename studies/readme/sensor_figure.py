@@ -3,7 +3,6 @@
 `python -P -m laploop.studies.readme.sensor_figure docs/results docs/pictures/sensor.png` draws it.
 """
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,9 +13,9 @@ from matplotlib.axes import Axes
 
 from laploop.arrays import Array
 from laploop.assets.scope_optics import ScopeOptics
-from laploop.errors import MissingFileError
 from laploop.perception.geometry import Rig
 from laploop.studies.figure_style import BLUE, GREY, ORANGE, RED, draw_grid, figure_page
+from laploop.studies.readme.summaries import read_summary
 from laploop.whole_file import whole_file
 
 _MODELS = {
@@ -45,7 +44,7 @@ def draw_sensor(results: Path, path: Path) -> None:
         MissingFileError: If the folder of results lacks a summary.
         OutputError: If the picture cannot be written.
     """
-    contrast, depth = (_read(results / f"{name}.json") for name in ("characterization", "robustness"))
+    contrast, depth = (read_summary(results / f"{name}.json") for name in ("characterization", "robustness"))
     with (
         whole_file(path) as partial,
         figure_page(partial, title="What the sensor lets one know", width_in=11.0, height_in=3.4) as figure,
@@ -76,13 +75,6 @@ def _draw_errors(axis: Axes, summary: Mapping[str, Any]) -> None:
         middles = [0.5 * (float(low) + float(high)) for (low, high), _ in bins]
         axis.plot(middles, [error for _, error in bins], style, color=colour, label=model, markersize=4)
     axis.set(title="depth error where valid", ylabel="mean absolute error, mm", ylim=(0.0, None))
-
-
-def _read(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise MissingFileError("summary", path, "run `make results`")
-    summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return summary
 
 
 def main(arguments: Sequence[str]) -> None:
