@@ -103,6 +103,8 @@ results: $(DEV)
 	$(BIN)/laploop fidelity --out runs/fidelity && cp runs/fidelity/summary.json $(RESULTS)/fidelity.json
 	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
 	$(BIN)/python -P -m laploop.studies.synthesis.worlds_figure docs/pictures/worlds.png
+	$(BIN)/python -P -m laploop.studies.readme.frames_figure docs/pictures/frames.png
+	$(BIN)/python -P -m laploop.studies.readme.sensor_figure $(RESULTS) docs/pictures/sensor.png
 	$(BIN)/python -P -m laploop.studies.readme.results_page $(RESULTS) README.md
 
 # All studies in full, and their pages: several hours on two cores.

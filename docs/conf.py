@@ -31,6 +31,8 @@ toc_object_entries = False
 html_theme = "furo"
 html_title = f"laploop {release}"
 html_copy_source = False
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_theme_options = {
     "source_repository": "https://github.com/laploop/laploop/",
     "source_branch": "main",

@@ -15,7 +15,7 @@ from laploop.perception import NETWORKS
 
 def commands_markdown() -> str:
     """Return a section for each command: what it does, and its options."""
-    return "\n\n".join(_section(name, summary) for name, summary in sorted(COMMANDS.items()))
+    return "\n\n".join(map(_section, sorted(COMMANDS)))
 
 
 def arguments_of(command: str) -> type:
@@ -26,9 +26,9 @@ def arguments_of(command: str) -> type:
     return found
 
 
-def _section(command: str, summary: str) -> str:
+def _section(command: str) -> str:
     kind = arguments_of(command)
-    parts = [f"## `laploop {command}`", f"*{summary[0].upper()}{summary[1:]}.*", inspect.cleandoc(kind.__doc__ or "")]
+    parts = [f"## `laploop {command}`", inspect.cleandoc(kind.__doc__ or "")]
     for title, options in _options(kind):
         parts += [title] if title else []
         parts += [_table(options)] if options else ["It takes no options."]

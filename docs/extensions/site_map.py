@@ -15,6 +15,7 @@ CONTENTS: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         "Reference": (
             "tasks/README",
+            "reference/tasks",
             "reference/commands",
             "reference/configuration",
             "reference/index",

@@ -65,10 +65,11 @@ def test_public_names_are_documented_by_kind():
     assert "Names: ``reach``" in text
 
 
-def test_every_task_has_a_line_that_links_to_its_page():
+def test_every_task_shows_its_docstring_below_its_name():
     text = tasks_markdown()
     for name in TASKS.names():
-        assert f"[{name}]({name}.md)" in text
+        assert f"| [{name}](#{name}) | `laploop/{name.capitalize()}-v0` |" in text
+        assert (TASKS.get(name).environment_class.__doc__ or "").splitlines()[0] in text.split(f"\n## {name}\n")[1]
         assert (DOCS / "tasks" / f"{name}.md").is_file()
 
 
