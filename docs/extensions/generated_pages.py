@@ -5,6 +5,7 @@ Pages stay readable where they are not built. Links out of `docs/` lead to the r
 
 import re
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from command_reference import commands_markdown
@@ -52,7 +53,13 @@ def _on_source_read(_app: Any, docname: str, content: list[str]) -> None:
         content[0] = filled(content[0], docname)
 
 
+def _on_get_outdated(_app: Any, env: Any, _added: set[str], _changed: set[str], _removed: set[str]) -> list[str]:
+    """Have pages that the code fills in read again in every build: Sphinx cannot see that the code has changed."""
+    return [name for name in env.found_docs if "<!-- generated:" in Path(env.doc2path(name)).read_text(encoding="utf-8")]
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Register with Sphinx."""
+    app.connect("env-get-outdated", _on_get_outdated)
     app.connect("source-read", _on_source_read)
     return {"parallel_read_safe": True}
