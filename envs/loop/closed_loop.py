@@ -24,6 +24,7 @@ from laploop.envs.loop.timing.frame_transfer import FrameTransfer
 from laploop.envs.loop.timing.log import TimingLog
 from laploop.envs.recording.recorder import ARM_NAMES, FrameRecord, NullRecorder, Recorder
 from laploop.envs.sensors.stripe_camera import StripeCamera
+from laploop.envs.theatre.physics_call import PhysicsRun, run_alone
 from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import SimulationError
 from laploop.perception.estimators.base import DepthEstimator
@@ -88,6 +89,12 @@ class ClosedLoop:
         Raises:
             SimulationError: If no depth frame arrives.
         """
+        run_alone(self.resetting(rng, theatre_seed=theatre_seed, at_first_frame=at_first_frame))
+
+    def resetting(
+        self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None
+    ) -> PhysicsRun[None]:
+        """As `reset`, stopping where MuJoCo computes."""
         for worker in (self._server, self._renderer):
             if worker is not None:
                 # It may finish what it is at while the theatre is built.
@@ -129,7 +136,7 @@ class ClosedLoop:
         while self.newest_served is None:
             if self.now_ns > MAX_WAIT_NS:
                 raise SimulationError(f"no depth frame arrived within {MAX_WAIT_NS * 1e-9:.0f} s of simulated time")
-            self.advance(np.zeros(3))
+            yield from self.advancing(np.zeros(3))
 
     def advance(self, tip_velocity_in_camera: Array, scope_velocity_in_camera: Array | None = None) -> list[ServedFrame]:
         """Run one control period.
@@ -141,6 +148,12 @@ class ClosedLoop:
         Returns:
             The depth frames that arrived, oldest first.
         """
+        return run_alone(self.advancing(tip_velocity_in_camera, scope_velocity_in_camera))
+
+    def advancing(
+        self, tip_velocity_in_camera: Array, scope_velocity_in_camera: Array | None = None
+    ) -> PhysicsRun[list[ServedFrame]]:
+        """As `advance`, stopping where MuJoCo computes."""
         if self.newest_served is not None:
             self.timing_log.use(self.newest_served.captured.times, self.now_ns)
         control_s = self.config.control_s
@@ -165,7 +178,7 @@ class ClosedLoop:
         for _ in range(self.config.physics_steps_per_control):
             self._commands.deliver(self.now_ns)
             with self.timer.measure("physics"):
-                self.theatre.step()
+                yield from self.theatre.stepping()
             self.timer.complete("physics")
             self._proprioception.after_physics_step()
             self._capture_if_due()

@@ -34,6 +34,7 @@ from laploop.envs.tasks.registry import task_spec
 from laploop.envs.tasks.surface_point import SurfacePoint
 from laploop.envs.tasks.target_choice import checked_pixels, choose_target_pixel
 from laploop.envs.tasks.task_config import TaskConfig
+from laploop.envs.theatre.physics_call import PhysicsRun, run_alone
 from laploop.errors import InvalidValueError, SimulationError, UnknownNameError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.registry import make_estimator
@@ -198,6 +199,12 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             UnknownNameError: If there is no such option.
             InvalidValueError: If the seed is not an integer from 0 on, or the chosen pixel shows no tissue.
         """
+        return run_alone(self.resetting(seed=seed, options=options))
+
+    def resetting(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> PhysicsRun[tuple[Observation, Info]]:
+        """As `reset`, stopping where MuJoCo computes."""
         self._check_reset(seed, options)
         super().reset(seed=None if seed is None else int(seed))
         self._running = False
@@ -207,7 +214,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         # The target is chosen in the first frame, at time 0, before the loop runs.
         self._target = self._touched = None
         choose = partial(self.choose_target, target_rng, options or {})
-        self.loop.reset(theatre_rng, theatre_seed=theatre_seed, at_first_frame=choose)
+        yield from self.loop.resetting(theatre_rng, theatre_seed=theatre_seed, at_first_frame=choose)
         self.measure(begin=True)
         self._running = True
         info = self._info(reward_terms={}, terminated_by=None, succeeded=False)
@@ -220,6 +227,10 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             InvalidValueError: If the action has another shape, or an entry that is not finite where that is an error.
             SimulationError: If the episode has ended or not begun.
         """
+        return run_alone(self.stepping(action))
+
+    def stepping(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[tuple[Observation, float, bool, bool, Info]]:
+        """As `step`, stopping where MuJoCo computes."""
         if not self._running:
             raise SimulationError("the episode has ended or not begun; call reset() first")
         checked = checked_action(action, self.config)
@@ -227,9 +238,9 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self._running = False
         velocity = self._interpreter.velocity(checked, self.control_input)
         if self.moves_scope:
-            self.loop.advance(np.zeros(3), velocity)
+            yield from self.loop.advancing(np.zeros(3), velocity)
         else:
-            self.loop.advance(velocity)
+            yield from self.loop.advancing(velocity)
         self.measure(begin=False)
         terminated_by = self._harm() or self.ended_by()
         truncated = terminated_by is None and self.loop.now_ns >= round(self.config.max_seconds * 1e9)
