@@ -4,7 +4,7 @@ import errno
 import warnings
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import rerun as rr
@@ -109,7 +109,7 @@ class RerunRecorder(Recorder):
         self._error_colors = (np.vstack([colors, np.zeros(3)]) * 255).astype(np.uint8)
         self._rays_in_camera = rig.camera.rays[::_POINT_STRIDE, ::_POINT_STRIDE].copy()
         look_at = theatre.tissue.surface_points().mean(axis=0)
-        stream.save(self._partial, default_blueprint=episode_blueprint(look_at))
+        self._open(episode_blueprint(look_at))
         self._theatre = theatre
 
         stream.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -205,6 +205,10 @@ class RerunRecorder(Recorder):
             raise OutputError(f"cannot write {self.path}: the recording broke off; is the disk full?") from fault
         finally:
             self._partial.unlink(missing_ok=True)
+
+    def _open(self, blueprint: Any) -> None:
+        """Say where the stream goes."""
+        self._stream.save(self._partial, default_blueprint=blueprint)
 
     def _begun(self) -> "tuple[Theatre, VertexNormals]":
         if self._theatre is None or self._normals_of is None:

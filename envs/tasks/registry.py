@@ -126,9 +126,9 @@ TASKS: Registry[TaskSpec] = Registry(
 """In the order in which the tasks are listed to users."""
 
 
-def environment_id(task: str) -> str:
-    """Return the id under which Gymnasium knows a task, such as `laploop/Reach-v0`."""
-    return f"laploop/{re.sub(r'[^0-9A-Za-z]', '', task.title())}-v0"
+def environment_id(task: str, version: int = 0) -> str:
+    """Return the id under which Gymnasium knows a task, such as `laploop/Reach-v0`; version 1 is the one for learners."""
+    return f"laploop/{re.sub(r'[^0-9A-Za-z]', '', task.title())}-v{version}"
 
 
 def task_spec(task: str) -> TaskSpec:

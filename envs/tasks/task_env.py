@@ -4,7 +4,6 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from numbers import Integral
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
 import gymnasium as gym
@@ -31,11 +30,12 @@ from laploop.envs.tasks.observations import (
     observation_space,
 )
 from laploop.envs.tasks.registry import task_spec
+from laploop.envs.tasks.reset_arguments import check_reset
 from laploop.envs.tasks.surface_point import SurfacePoint
 from laploop.envs.tasks.target_choice import checked_pixels, choose_target_pixel
 from laploop.envs.tasks.task_config import TaskConfig
 from laploop.envs.theatre.physics_call import PhysicsRun, run_alone
-from laploop.errors import InvalidValueError, SimulationError, UnknownNameError
+from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.registry import make_estimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
@@ -205,7 +205,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> PhysicsRun[tuple[Observation, Info]]:
         """As `reset`, stopping where MuJoCo computes."""
-        self._check_reset(seed, options)
+        check_reset(seed, options, self.reset_options)
         super().reset(seed=None if seed is None else int(seed))
         self._running = False
         theatre_rng, target_rng = self.np_random.spawn(2)
@@ -218,7 +218,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self.measure(begin=True)
         self._running = True
         info = self._info(reward_terms={}, terminated_by=None, succeeded=False)
-        return self._observation(), info
+        return self.observation(), info
 
     def step(self, action: NDArray[np.floating[Any]]) -> tuple[Observation, float, bool, bool, Info]:
         """Run one control period.
@@ -231,6 +231,11 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     def stepping(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[tuple[Observation, float, bool, bool, Info]]:
         """As `step`, stopping where MuJoCo computes."""
+        reward, terminated, truncated, info = yield from self.ticking(action)
+        return self.observation(), reward, terminated, truncated, info
+
+    def ticking(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[tuple[float, bool, bool, Info]]:
+        """As `stepping`, without observing, for whoever looks only after several control periods."""
         if not self._running:
             raise SimulationError("the episode has ended or not begun; call reset() first")
         checked = checked_action(action, self.config)
@@ -256,7 +261,27 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         info = self._info(terms, "time" if truncated else terminated_by, succeeded=succeeded)
         self._record_tick(info)
         self._running = terminated_by is None and not truncated
-        return self._observation(), float(sum(terms.values())), terminated_by is not None, truncated, info
+        return float(sum(terms.values())), terminated_by is not None, truncated, info
+
+    def observation(self) -> Observation:
+        """Return what can be observed now."""
+        mode, served, newest = self.config.observation_mode, self.loop.newest_served, self.loop.newest_arrived
+        if served is None or newest is None:
+            raise SimulationError("no frame yet")
+        known = self.loop.control_input(self.target_pixel, with_depth=False)
+        observation: Observation = {"stripes": newest.frame.image.copy()} if mode in STRIPE_MODES else {}
+        if mode in DEPTH_MODES:
+            observation |= depth_observation(served, self.loop.now_ns)
+        observation["tip_position"] = bounded(known.tip_in_camera, -1.0, 1.0)
+        observation["tip_velocity"] = bounded(known.tip_velocity_in_camera, -1.0, 1.0)
+        observation["contact_force"] = bounded(known.contact_force_in_camera, -MAX_FORCE_N, MAX_FORCE_N)
+        observation["target_pixel"] = self.target_pixel.astype(np.float32)
+        if mode == "state":
+            camera_from_world = invert_transform(self.loop.theatre.world_from_camera())
+            _, normal, position = self.target_offset()
+            observation["target_position"] = bounded(transform_points(camera_from_world, position), -1.0, 1.0)
+            observation["target_normal"] = bounded(camera_from_world[:3, :3] @ normal, -1.0, 1.0)
+        return observation | self.extra_observation()
 
     def close(self) -> None:
         """End the perception thread."""
@@ -328,40 +353,12 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         """Return whether this tick counts for the task's accuracy."""
         return True
 
-    def _check_reset(self, seed: Any, options: object) -> None:
-        if seed is not None and (isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= int(seed) < 2**63):
-            raise InvalidValueError("seed", seed, "an integer from 0 to 2**63 - 1, or None")
-        if options is not None and not isinstance(options, Mapping):
-            raise InvalidValueError("options", options, "a mapping, or None")
-        for name in options or {}:
-            if name not in self.reset_options:
-                raise UnknownNameError("option of reset", name, self.reset_options)
-
     def _harm(self) -> str | None:
         if self.loop.max_force_n > self.config.harm_force_n:
             return "force"
         if max(self.loop.max_rcm_error_m.values()) > self.config.harm_rcm_m:
             return "rcm"
         return None
-
-    def _observation(self) -> Observation:
-        mode, served, newest = self.config.observation_mode, self.loop.newest_served, self.loop.newest_arrived
-        if served is None or newest is None:
-            raise SimulationError("no frame yet")
-        known = self.loop.control_input(self.target_pixel, with_depth=False)
-        observation: Observation = {"stripes": newest.frame.image.copy()} if mode in STRIPE_MODES else {}
-        if mode in DEPTH_MODES:
-            observation |= depth_observation(served, self.loop.now_ns)
-        observation["tip_position"] = bounded(known.tip_in_camera, -1.0, 1.0)
-        observation["tip_velocity"] = bounded(known.tip_velocity_in_camera, -1.0, 1.0)
-        observation["contact_force"] = bounded(known.contact_force_in_camera, -MAX_FORCE_N, MAX_FORCE_N)
-        observation["target_pixel"] = self.target_pixel.astype(np.float32)
-        if mode == "state":
-            camera_from_world = invert_transform(self.loop.theatre.world_from_camera())
-            _, normal, position = self.target_offset()
-            observation["target_position"] = bounded(transform_points(camera_from_world, position), -1.0, 1.0)
-            observation["target_normal"] = bounded(camera_from_world[:3, :3] @ normal, -1.0, 1.0)
-        return observation | self.extra_observation()
 
     def _info(self, reward_terms: dict[str, float], terminated_by: str | None, *, succeeded: bool) -> Info:
         if (served := self.loop.newest_served) is None:

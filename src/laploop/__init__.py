@@ -7,6 +7,7 @@ from importlib.metadata import version
 
 from gymnasium.envs.registration import register
 
+from laploop.envs.learning.registry import register_learner
 from laploop.envs.tasks.registry import TASKS, environment_id
 
 __version__ = version("laploop")
@@ -14,3 +15,4 @@ __all__ = ["__version__"]
 
 for _task in TASKS.names():
     register(environment_id(_task), entry_point="laploop.envs.tasks.registry:make_environment", kwargs={"task": _task})
+    register_learner(_task)

@@ -1,0 +1,71 @@
+"""Episodes as they happen, in a Rerun viewer."""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import rerun as rr
+
+from laploop.envs.loop.timing.log import TimingLog
+from laploop.envs.recording.recorder import DepthRecord, FrameRecord, Recorder, TickRecord
+from laploop.envs.recording.rerun_recorder import RerunRecorder
+from laploop.perception.geometry import Rig
+
+if TYPE_CHECKING:
+    from laploop.envs.theatre.theatre import Theatre
+
+
+class _StreamedRecorder(RerunRecorder):
+    """Sends what it records to a viewer on this machine as well."""
+
+    def _open(self, blueprint: Any) -> None:
+        self._stream.set_sinks(rr.GrpcSink(), rr.FileSink(self._partial), default_blueprint=blueprint)
+
+
+class RerunViewer(Recorder):
+    """Shows one episode after the other, each as a recording of its own; opens a viewer with the first, if none is open."""
+
+    def __init__(self) -> None:
+        self._folder: TemporaryDirectory[str] | None = None
+        self._episode: RerunRecorder | None = None
+
+    def begin(self, theatre: "Theatre", rig: Rig) -> None:
+        """Show the scene of a new episode."""
+        if self._folder is None:
+            rr.spawn(connect=False)
+            self._folder = TemporaryDirectory(prefix="laploop-")
+        if self._episode is not None:
+            self._episode.close()
+        # The file keeps what the viewer has not taken yet; the next episode replaces it.
+        self._episode = _StreamedRecorder(Path(self._folder.name) / "episode.rrd")
+        self._episode.begin(theatre, rig)
+
+    def tick(self, record: TickRecord) -> None:
+        """Show a control tick."""
+        self._shown().tick(record)
+
+    def frame(self, record: FrameRecord) -> None:
+        """Show a captured frame."""
+        self._shown().frame(record)
+
+    def depth(self, record: DepthRecord) -> None:
+        """Show a depth frame."""
+        self._shown().depth(record)
+
+    def timing(self, log: TimingLog) -> None:
+        """Pass the times on."""
+        self._shown().timing(log)
+
+    def close(self) -> None:
+        """End the newest episode; the viewer stays open."""
+        if self._episode is not None:
+            self._episode.close()
+            self._episode = None
+        if self._folder is not None:
+            self._folder.cleanup()
+            self._folder = None
+
+    def _shown(self) -> Recorder:
+        if self._episode is None:
+            raise RuntimeError("begin() comes before any record")
+        return self._episode
