@@ -2,7 +2,8 @@
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar, cast
 
 import gymnasium as gym
@@ -151,8 +152,18 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
     @property
     def max_decisions(self) -> int:
         """Most steps that an episode has; fewer by those that the first frame takes to arrive."""
-        config = self.task_env.config
-        return math.ceil(round(config.max_seconds * 1e9) / (int(config.loop.control_ns) * self.decision_ticks))
+        config: TaskConfig = self.task_env.config
+        return math.ceil(round(config.max_seconds * 1e9) / (config.loop.control_ns * self.decision_ticks))
+
+    @property
+    def action_check(self) -> Callable[[object], Array]:
+        """What raises the errors of `step` that come before anything moves, given an action; picklable."""
+        return partial(scaled_action, config=self.task_env.config)
+
+    @property
+    def reset_options(self) -> tuple[str, ...]:
+        """What `reset` takes in its options."""
+        return self.task_env.reset_options
 
     # What a task defines.
 

@@ -10,6 +10,7 @@ from laploop.control.messages import ControlInput
 from laploop.envs.loop.background import WAIT
 from laploop.envs.loop.captured_frame import CapturedFrame
 from laploop.envs.loop.config import LoopConfig
+from laploop.envs.loop.episode_camera import EpisodeCamera
 from laploop.envs.loop.faults import FaultInjector
 from laploop.envs.loop.frame_renderer import FrameRenderer
 from laploop.envs.loop.kinematic_errors import KinematicErrors
@@ -23,7 +24,6 @@ from laploop.envs.loop.timing.config import TimingSamples
 from laploop.envs.loop.timing.frame_transfer import FrameTransfer
 from laploop.envs.loop.timing.log import TimingLog
 from laploop.envs.recording.recorder import ARM_NAMES, FrameRecord, NullRecorder, Recorder
-from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.theatre.physics_call import PhysicsRun, run_alone
 from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import SimulationError
@@ -74,7 +74,7 @@ class ClosedLoop:
         self.max_force_n = self.mean_force_n = 0.0
         self._images_ahead = images or self.recorder.takes_frames or self.recorder.takes_depth
         self._depth_ahead = depth or self.recorder.takes_depth
-        self._camera: StripeCamera | None = None
+        self._camera = EpisodeCamera(config, self.rig, images=self._images_ahead, depth=self._depth_ahead)
         self._renderer: FrameRenderer | None = None
         self._server: PerceptionServer | None = None
 
@@ -111,7 +111,7 @@ class ClosedLoop:
         self._scope_controller = self._controller(self.scope) if self._moves_scope else None
         self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
-        self._renderer = FrameRenderer(self._attached_camera(texture_rng), noise_rng, self.timer)
+        self._renderer = FrameRenderer(self._camera.look(self.theatre, texture_rng), noise_rng, self.timer)
         timing = self.config.timing
         samples = TimingSamples.draw(timing, service_rng, timing_rng)
         self.timing_log = TimingLog()
@@ -283,9 +283,7 @@ class ClosedLoop:
     def close(self) -> None:
         """End the running episode, if any, and all threads."""
         self._end_episode()
-        if self._camera is not None:
-            self._camera.close()
-            self._camera = None
+        self._camera.close()
 
     def _end_episode(self) -> None:
         if self._server is not None:
@@ -308,20 +306,6 @@ class ClosedLoop:
         if self._server is None:
             raise SimulationError("no episode is running; call reset() first")
         return self._server
-
-    def _attached_camera(self, texture_rng: np.random.Generator) -> StripeCamera:
-        """Return the camera, made in the first episode, as it is at the begin of one and with the theatre before it."""
-        optics, theatre = self.config.optics, self.theatre
-        if self._camera is None:
-            # While physics goes on, it has work for the other cores; whoever looks at the image of the moment waits for it.
-            threads = None if self._images_ahead else 1
-            self._camera = StripeCamera(self.rig, optics, device=self.config.device, threads=threads)
-        elif self._camera.optics != optics:
-            # Exposure control has changed it.
-            self._camera.set_optics(optics)
-        appearance = theatre.config.tissue.appearance
-        self._camera.attach(theatre.model, tissue=theatre.tissue, rng=texture_rng, appearance=appearance)
-        return self._camera
 
     def _controller(self, arm: MiscalibratedArm) -> RcmController:
         controller = RcmController(arm.model, arm.trocar_in_world, self.config.rcm)

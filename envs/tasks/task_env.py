@@ -1,7 +1,7 @@
 """What all tasks have in common behind Gymnasium's interface."""
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar, cast
@@ -37,7 +37,7 @@ from laploop.envs.tasks.task_config import TaskConfig
 from laploop.envs.theatre.physics_call import PhysicsRun, run_alone
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
-from laploop.perception.estimators.registry import make_estimator
+from laploop.perception.estimators.chosen import chosen_estimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
 
 Info = dict[str, Any]
@@ -100,19 +100,17 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             raise InvalidValueError("config", type(config).__name__, f"a {self.config_type.__name__}")
         self.config: ConfigT = config or cast("Any", self.config_type)()
         scope = self.config.loop.theatre.scope
-        estimator = make_estimator(perception, Rig.from_optics(scope)) if isinstance(perception, str) else perception
-        if isinstance(estimator, type) or not isinstance(estimator, DepthEstimator):
-            raise InvalidValueError("perception", estimator, "name of an estimator, or an object with estimate(image)")
         mode = self.config.observation_mode
+        uses_depth = mode in DEPTH_MODES or self.config.action_mode == "residual"
         hides = any(fault.kind == "target-hidden" for fault in self.config.loop.faults)
         self.loop = ClosedLoop(
             self.config.loop,
-            estimator,
+            chosen_estimator(perception, Rig.from_optics(scope), at_once=uses_depth),
             recorder,
             moves_scope=self.moves_scope,
             locate_target=self.target_in_world if self.config.marker or hides else None,
             images=mode in STRIPE_MODES,
-            depth=mode in DEPTH_MODES or self.config.action_mode == "residual",
+            depth=uses_depth,
         )
         if self.config.action_mode == "residual" and controller is None:
             from laploop.control.controllers.registry import make_controller
@@ -133,6 +131,11 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
     def task(self) -> str:
         """The task's name."""
         return self.config.kind
+
+    @property
+    def action_check(self) -> Callable[[object], Array]:
+        """What raises the errors of `step` that come before anything moves, given an action; picklable."""
+        return partial(checked_action, config=self.config)
 
     # What a task defines.
 
