@@ -7,6 +7,17 @@ from .episode_config import EpisodeOptions as EpisodeOptions
 from .episode_config import PerceptionConfig as PerceptionConfig
 from .episode_config import PredictorConfig as PredictorConfig
 from .fidelity import with_fidelity as with_fidelity
+from .learning.encoding import VectorLayout as VectorLayout
+from .learning.encoding import decode_depth as decode_depth
+from .learning.encoding import encode_depth as encode_depth
+from .learning.learner_env import LearnerEnv as LearnerEnv
+from .learning.look import LookLearnerEnv as LookLearnerEnv
+from .learning.options import LearnerOptions as LearnerOptions
+from .learning.palpate import PalpateLearnerEnv as PalpateLearnerEnv
+from .learning.privileged import PRIVILEGED as PRIVILEGED
+from .learning.reach import ReachLearnerEnv as ReachLearnerEnv
+from .learning.scan import ScanLearnerEnv as ScanLearnerEnv
+from .learning.track import TrackLearnerEnv as TrackLearnerEnv
 from .loop.closed_loop import ClosedLoop as ClosedLoop
 from .loop.config import LoopConfig as LoopConfig
 from .loop.faults import Fault as Fault
@@ -23,6 +34,7 @@ from .recording.recorder import CompositeRecorder as CompositeRecorder
 from .recording.recorder import NullRecorder as NullRecorder
 from .recording.recorder import Recorder as Recorder
 from .recording.rerun_recorder import RerunRecorder as RerunRecorder
+from .recording.rerun_viewer import RerunViewer as RerunViewer
 from .sensors.optics.camera_response import CameraResponse as CameraResponse
 from .sensors.optics.exposure_control import ExposureControl as ExposureControl
 from .sensors.optics.presets import OpticsRanges as OpticsRanges
@@ -31,6 +43,7 @@ from .sensors.optics.scope_ranges import ScopeRanges as ScopeRanges
 from .sensors.optics.stripe_optics import Material as Material
 from .sensors.optics.stripe_optics import StripeOptics as StripeOptics
 from .sensors.optics.subsurface import Subsurface as Subsurface
+from .sensors.overview_camera import OverviewCamera as OverviewCamera
 from .sensors.reference.camera import ReferenceCamera as ReferenceCamera
 from .sensors.reference.optics import ReferenceOptics as ReferenceOptics
 from .sensors.stripe_camera import StripeCamera as StripeCamera
@@ -63,6 +76,7 @@ from .timing_presets import TIMINGS as TIMINGS
 from .timing_presets import TimingPreset as TimingPreset
 
 __all__ = [
+    "PRIVILEGED",
     "TASKS",
     "TIMINGS",
     "ActuationConfig",
@@ -83,27 +97,35 @@ __all__ = [
     "GammaLatency",
     "KinematicErrors",
     "LatencyModel",
+    "LearnerEnv",
+    "LearnerOptions",
     "LognormalLatency",
     "LookConfig",
     "LookEnv",
+    "LookLearnerEnv",
     "LoopConfig",
     "Material",
     "MeasuredLatency",
     "NormalLatency",
     "NullRecorder",
     "OpticsRanges",
+    "OverviewCamera",
     "PalpateConfig",
     "PalpateEnv",
+    "PalpateLearnerEnv",
     "PerceptionConfig",
     "PredictorConfig",
     "ReachConfig",
     "ReachEnv",
+    "ReachLearnerEnv",
     "Recorder",
     "ReferenceCamera",
     "ReferenceOptics",
     "RerunRecorder",
+    "RerunViewer",
     "ScanConfig",
     "ScanEnv",
+    "ScanLearnerEnv",
     "ScopeRanges",
     "StageTravel",
     "StripeCamera",
@@ -120,8 +142,12 @@ __all__ = [
     "TraceLatency",
     "TrackConfig",
     "TrackEnv",
+    "TrackLearnerEnv",
     "TrocarConfig",
+    "VectorLayout",
+    "decode_depth",
     "default_config",
+    "encode_depth",
     "environment_id",
     "optics_preset",
     "run_episode",

@@ -5,8 +5,9 @@ It reads the target's depth from the first maps, comes down on it from above, an
 
 import argparse
 
-import gymnasium as gym
 import numpy as np
+
+from laploop.envs import ReachEnv
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=1000, help="control periods of 8 ms at most")
@@ -26,7 +27,7 @@ def point_under(pixel, observation):
     return np.array([(pixel[0] - 128.0) / FOCAL * z, (pixel[1] - 128.0) / FOCAL * z, z])
 
 
-env = gym.make("laploop.envs:laploop/Reach-v0", perception="phase")
+env = ReachEnv(perception="phase")
 observation, info = env.reset(seed=options.seed)
 target = point_under(observation["target_pixel"], observation)
 goal = target - [0.0, 0.0, BALL]

@@ -6,12 +6,11 @@ same theatre begins anew with that pixel as its target.
 
 import argparse
 
-import gymnasium as gym
 import numpy as np
 from scipy import ndimage
 
-import laploop  # noqa: F401  registers the environments
 from laploop.control import ReachController
+from laploop.envs import ReachEnv
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=1000, help="control periods of 8 ms at most")
@@ -29,15 +28,15 @@ def top_of_the_tissue(depth_mm, valid):
     return int(column), int(row)
 
 
-env = gym.make("laploop/Reach-v0", perception="phase")
+env = ReachEnv(perception="phase")
 observation, info = env.reset(seed=options.seed)
 pixel = top_of_the_tissue(observation["depth_mm"], observation["depth_valid"].astype(bool))
 print(f"the environment would take {observation['target_pixel']}, the selector takes {pixel}")
 
 observation, info = env.reset(seed=options.seed, options={"target_pixel": pixel})
-controller = ReachController(env.unwrapped.loop.rig)
+controller = ReachController(env.loop.rig)
 for _ in range(options.steps):
-    velocity = controller.command(env.unwrapped.control_input())
+    velocity = controller.command(env.control_input())
     observation, reward, terminated, truncated, info = env.step(velocity.astype(np.float32))
     if terminated or truncated:
         break

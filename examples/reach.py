@@ -5,12 +5,10 @@ Run it with `python examples/reach.py`; `--steps 50` stops early, `--motion brea
 
 import argparse
 
-import gymnasium as gym
 import numpy as np
 
-import laploop  # noqa: F401  registers the environments
 from laploop.control import ReachController
-from laploop.envs import EpisodeConfig
+from laploop.envs import EpisodeConfig, ReachEnv
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=1500, help="control periods of 8 ms at most")
@@ -21,17 +19,16 @@ options = parser.parse_args()
 
 # The environment renders stripes, has the network turn each frame into depth, and delivers the depth 40 ms later.
 config = EpisodeConfig.of(task="reach", motion=options.motion, seconds=12.0).task
-env = gym.make("laploop/Reach-v0", config=config, perception=options.perception)
+env = ReachEnv(config, perception=options.perception)
 observation, info = env.reset(seed=options.seed)
 print(f"target pixel {observation['target_pixel']}, depth is {info['depth_age_ms']:.0f} ms old at the start")
 
 # The scripted controller sees what a controller on the real robot would see, and answers with a velocity of the tip.
-theatre = env.unwrapped
-controller = ReachController(theatre.loop.rig)
+controller = ReachController(env.loop.rig)
 controller.reset()
 
 for step in range(options.steps):
-    velocity = controller.command(theatre.control_input())
+    velocity = controller.command(env.control_input())
     observation, reward, terminated, truncated, info = env.step(velocity.astype(np.float32))
     if step % 50 == 0:
         print(f"{info['sim_s']:5.2f} s  error {info['target_error_mm']:6.2f} mm  force {info['contact_force_n']:.2f} N")

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from laploop.arrays import Array
 from laploop.control.messages import TipController
 from laploop.envs.learning.encoding import DEPTH_FAR_MM, DEPTH_NEAR_MM, VectorLayout, encode_depth, encode_stripes
-from laploop.envs.learning.options import LearnerOptions, applied, decision_ticks, learner_options
+from laploop.envs.learning.options import LearnerOptions, applied, decision_ticks, learner_options, uses_depth
 from laploop.envs.learning.privileged import PRIVILEGED, privileged_quantities, tip_to_target
-from laploop.envs.learning.render import RENDER_MODES, EpisodeView, RenderMode, recorder_of
+from laploop.envs.learning.render import RENDER_MODES, EpisodeView, RenderMode, joined, viewer_of
 from laploop.envs.learning.rewards import SUCCESS, TIME, approach, shared_terms
 from laploop.envs.recording.recorder import Recorder
 from laploop.envs.tasks.actions import action_bound, action_size, scaled_action
@@ -78,8 +78,9 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ## Arguments
 
-    Those of `LearnerOptions`, and `config` (the task's whole configuration), `perception` (name of an estimator, or an object),
-    `recorder`, `controller` (what `residual` adds to), `render_mode` (`rgb_array` or `human`).
+    Those of `LearnerOptions`, and `config` (the task's whole configuration), `perception` (name of an estimator, or an object; by
+    default `compact` where depth is used), `recorder`, `controller` (what `residual` adds to), `render_mode` (`rgb_array` or
+    `human`).
 
     ## Version history
 
@@ -97,7 +98,7 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         task: str | None = None,
         *,
         config: TaskConfig | None = None,
-        perception: str | DepthEstimator = "compact",
+        perception: str | DepthEstimator | None = None,
         recorder: Recorder | None = None,
         controller: TipController | None = None,
         render_mode: RenderMode | None = None,
@@ -108,7 +109,8 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         Args:
             task: Name of the task, where the class is not made for one.
             config: The task, its loop and its theatre; by default the task's own. Options that contradict it are refused.
-            perception: Name of a registered estimator, or an object with `estimate`.
+            perception: Name of a registered estimator, or an object with `estimate`. By default `compact` where depth is used,
+                by the observation or the action `residual`, and `oracle`, which loads no network, elsewhere.
             recorder: Receives everything that happens, every control period.
             controller: What the action `residual` adds to, in place of the task's scripted controller.
             render_mode: rgb_array, or human: a Rerun viewer.
@@ -129,11 +131,12 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.decision_ticks = decision_ticks(self.options, whole)
         """Control periods a decision."""
         self.render_mode = render_mode
+        self._viewer = viewer_of(render_mode)
         self.task_env: TaskEnv[Any] = make_environment(
             name,
             config=whole,
-            perception=perception,
-            recorder=recorder_of(render_mode, recorder),
+            perception=perception or ("compact" if uses_depth(whole) else "oracle"),
+            recorder=joined(recorder, self._viewer),
             controller=controller,
         )
         """The task itself."""
@@ -250,8 +253,8 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._newest = None
         self._drop_view()
         self.task_env.close()
-        if self.render_mode == "human":
-            self.task_env.loop.recorder.close()
+        if self._viewer is not None:
+            self._viewer.close()
 
     def _drop_view(self) -> None:
         if self._view is not None:

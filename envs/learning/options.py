@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from laploop.configuration import Field, configuration
 from laploop.envs.episode_config import EpisodeConfig
 from laploop.envs.fidelity import FidelityName
+from laploop.envs.tasks.observations import DEPTH_MODES
 from laploop.envs.tasks.task_config import ObservationMode, TaskConfig
 from laploop.envs.theatre.organ_motion import MotionName
 from laploop.errors import InvalidValueError, UnknownNameError
@@ -89,6 +90,11 @@ def applied(options: LearnerOptions, config: ConfigT, *, strict: bool) -> Config
             raise InvalidValueError(keyword, value, "none that contradicts config; change it there")
         result = changed  # type: ignore[assignment]
     return replace(result, observation_mode=TASK_OBSERVATION[options.observation])
+
+
+def uses_depth(config: TaskConfig) -> bool:
+    """Return whether anything in an environment with this configuration looks at depth maps."""
+    return config.observation_mode in DEPTH_MODES or config.action_mode == "residual"
 
 
 def decision_ticks(options: LearnerOptions, config: TaskConfig) -> int:

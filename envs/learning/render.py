@@ -23,17 +23,21 @@ _OVERVIEW_WIDTH = 512
 _TARGET_COLOR = (60, 220, 90)
 
 
-def recorder_of(mode: str | None, recorder: Recorder | None) -> Recorder | None:
-    """Return what records an episode: what is given, and a viewer in the mode `human`.
+def viewer_of(mode: str | None) -> RerunViewer | None:
+    """Return the viewer of the mode `human`, and None in others.
 
     Raises:
         UnknownNameError: If there is no such mode.
     """
     if mode is not None and mode not in RENDER_MODES:
         raise UnknownNameError("render mode", mode, RENDER_MODES)
-    if mode != "human":
-        return recorder
-    return RerunViewer() if recorder is None else CompositeRecorder([recorder, RerunViewer()])
+    return RerunViewer() if mode == "human" else None
+
+
+def joined(*recorders: Recorder | None) -> Recorder | None:
+    """Return one recorder for those that are there."""
+    present = [recorder for recorder in recorders if recorder is not None]
+    return CompositeRecorder(present) if len(present) > 1 else next(iter(present), None)
 
 
 class EpisodeView:
