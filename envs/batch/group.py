@@ -1,6 +1,7 @@
 """Environments that advance together in one process."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple, Protocol
 
 from gymnasium import spaces
@@ -10,6 +11,7 @@ from laploop.arrays import Array
 from laploop.envs.batch.lock_step import run_in_lock_step
 from laploop.envs.batch.stepper import Stepper, ThreadedStepper
 from laploop.envs.theatre.physics_call import PhysicsRun
+from laploop.errors import LaploopError
 
 Info = dict[str, Any]
 Begin = tuple[Any, Info]
@@ -47,7 +49,7 @@ class SteppableEnv(Protocol):
 
 
 class Face(NamedTuple):
-    """What all environments of a group look like from outside."""
+    """What an environment looks like from outside."""
 
     observation_space: spaces.Space[Any]
     action_space: spaces.Space[Any]
@@ -55,6 +57,11 @@ class Face(NamedTuple):
     render_mode: str | None
     reset_options: tuple[str, ...]
     action_check: Callable[[object], Array]
+
+    @classmethod
+    def of(cls, env: SteppableEnv) -> "Face":
+        """Take it from an environment."""
+        return cls(*(getattr(env, name) for name in cls._fields))
 
 
 class Result(NamedTuple):
@@ -67,6 +74,18 @@ class Result(NamedTuple):
     info: Info
     final: Begin | None
     """Last observation and info of an episode, where the next one has begun in the same step."""
+
+
+@contextmanager
+def named(number: int) -> Iterator[None]:
+    """Put the environment's number in front of the errors raised within."""
+    try:
+        yield
+    except LaploopError as error:
+        raise error.at(f"environment {number}", ": ") from error
+    except Exception as error:
+        error.add_note(f"in environment {number}")
+        raise
 
 
 Outcome = tuple[dict[int, Any], dict[int, Exception]]
@@ -93,16 +112,18 @@ class EnvironmentGroup:
             threads: Of the physics.
         """
         self._stepper: Stepper = ThreadedStepper(threads)
-        self._envs = {number: make() for number, make in makers.items()}
+        self._envs: dict[int, SteppableEnv] = {}
+        for number, make in makers.items():
+            with named(number):
+                self._envs[number] = make()
         self._autoreset = autoreset
         self._max_steps = max_steps
         self._steps = dict.fromkeys(self._envs, 0)
         self._ended: set[int] = set()
 
-    def face(self) -> Face:
-        """Return what the first environment looks like."""
-        env = next(iter(self._envs.values()))
-        return Face(env.observation_space, env.action_space, env.metadata, env.render_mode, env.reset_options, env.action_check)
+    def faces(self) -> Outcome:
+        """Return the `Face` of each environment."""
+        return {number: Face.of(env) for number, env in self._envs.items()}, {}
 
     def reset(self, seeds: Mapping[int, int | None], options: dict[str, Any] | None) -> Outcome:
         """Begin episodes; each result is a `Begin`.

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
-from laploop.envs.batch.group import EnvironmentGroup
+from laploop.envs.batch.group import EnvironmentGroup, Outcome
 from laploop.errors import LaploopError, WorkerError
 from laploop.workers import follow_parent
 
@@ -22,7 +22,7 @@ class AskedGroup(Protocol):
     def ask(self, name: str, *arguments: Any) -> None:
         """Call a method of the group."""
 
-    def answer(self) -> Any:
+    def answer(self) -> Outcome:
         """Return what the method returned."""
 
     def close(self) -> None:
@@ -34,16 +34,17 @@ class LocalGroup:
 
     def __init__(self, make: Callable[[], EnvironmentGroup]) -> None:
         self._group = make()
-        self._asked: tuple[str, tuple[Any, ...]] = "face", ()
+        self._asked: tuple[str, tuple[Any, ...]] = "faces", ()
 
     def ask(self, name: str, *arguments: Any) -> None:
         """Call a method of the group."""
         self._asked = name, arguments
 
-    def answer(self) -> Any:
+    def answer(self) -> Outcome:
         """Return what the method returned."""
         name, arguments = self._asked
-        return getattr(self._group, name)(*arguments)
+        outcome: Outcome = getattr(self._group, name)(*arguments)
+        return outcome
 
     def close(self) -> None:
         """End the group."""
@@ -83,19 +84,20 @@ class GroupProcess:
         except OSError as error:
             raise self._died() from error
 
-    def answer(self) -> Any:
+    def answer(self) -> Outcome:
         """Return what the method returned, or raise what it raised.
 
         Raises:
             WorkerError: If the process has died.
         """
         try:
-            result, error = self._connection.recv()
+            outcome, error = self._connection.recv()
         except (EOFError, OSError) as lost:
             raise self._died() from lost
         if error is not None:
             raise error
-        return result
+        returned: Outcome = outcome
+        return returned
 
     def close(self) -> None:
         """End the process: in good order if it waits to be asked, at once otherwise."""
@@ -138,23 +140,29 @@ def _serve(connection: Connection, make: Callable[[], EnvironmentGroup]) -> None
     except Exception as error:  # noqa: BLE001 - raised where the group was asked for
         connection.send((None, _portable(error)))
         return
-    connection.send((group.face(), None))
-    name = ""
-    while name != "close":
+    name: str = "faces"
+    arguments: tuple[Any, ...] = ()
+    while True:
+        answer = _answer(group, name, arguments)
+        try:
+            connection.send(answer)
+        except Exception as error:  # noqa: BLE001 - what was asked for cannot be sent
+            connection.send((None, _portable(error)))
+        if name == "close":
+            return
         try:
             name, arguments = connection.recv()
         except EOFError:
             return
-        try:
-            result, error = getattr(group, name)(*arguments), None
-        except Exception as raised:  # noqa: BLE001 - raised where it was asked for
-            result, error = None, _portable(raised)
-        if isinstance(result, tuple) and len(result) == 2 and isinstance(result[1], dict):
-            result = result[0], {number: _portable(one) for number, one in result[1].items()}
-        try:
-            connection.send((result, error))
-        except Exception as unsendable:  # noqa: BLE001 - raised where it was asked for
-            connection.send((None, _portable(unsendable)))
+
+
+def _answer(group: EnvironmentGroup, name: str, arguments: tuple[Any, ...]) -> tuple[Outcome | None, Exception | None]:
+    """Return what a method returned, or what it raised."""
+    try:
+        results, errors = getattr(group, name)(*arguments)
+    except Exception as error:  # noqa: BLE001 - raised where it was asked for
+        return None, _portable(error)
+    return (results, {number: _portable(error) for number, error in errors.items()}), None
 
 
 def _portable(error: Exception) -> Exception:

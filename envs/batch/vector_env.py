@@ -2,18 +2,18 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
 from numpy.typing import NDArray
 
-from laploop.envs.batch.group import EnvironmentGroup, Face, Info, Result, SteppableEnv
+from laploop.envs.batch.group import EnvironmentGroup, Face, Info, Result, SteppableEnv, named
 from laploop.envs.batch.group_process import AskedGroup, GroupProcess, LocalGroup
 from laploop.envs.batch.stepper import checked_threads, usable_cores
 from laploop.envs.tasks.reset_arguments import check_reset
-from laploop.errors import InvalidValueError, LaploopError, SimulationError
+from laploop.errors import InvalidValueError, SimulationError
 
 MOST_ENVIRONMENTS = 4096
 MOST_WORKERS = 256
@@ -64,17 +64,22 @@ class TheatreVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         self.workers = min(limit, self.num_envs)
         shares = np.array_split(np.arange(self.num_envs), self.workers)
         self._shares = [share.tolist() for share in shares]
-        options = {"autoreset": self.autoreset_mode, "max_steps": max_episode_steps, "threads": threads}
+        group = partial(EnvironmentGroup, autoreset=self.autoreset_mode, max_steps=max_episode_steps, threads=threads)
         self._groups: list[AskedGroup] = []
         try:
             for number, share in enumerate(self._shares):
-                make = partial(EnvironmentGroup, {each: makers[each] for each in share}, **options)
+                make = partial(group, {each: makers[each] for each in share})
                 self._groups.append(LocalGroup(make) if self.workers == 1 else GroupProcess(number, make))
-            face: Face = [group.answer() for group in self._groups][0]
+            faces: dict[int, Face] = {}
+            for asked in self._groups:
+                faces |= asked.answer()[0]
+            _check_spaces(faces)
         except BaseException:
             self.close()
             raise
-        self._reset_options, self._action_check = face.reset_options, face.action_check
+        face = faces[0]
+        self._reset_options = face.reset_options
+        self._action_checks = [faces[number].action_check for number in range(self.num_envs)]
         self.metadata = {**face.metadata, "autoreset_mode": self.autoreset_mode}
         self.render_mode = face.render_mode
         self.single_observation_space, self.single_action_space = face.observation_space, face.action_space
@@ -101,7 +106,7 @@ class TheatreVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         chosen = self._chosen(given.pop("reset_mask", None))
         seeds = self._seeds(seed)
         for number in chosen:
-            with _named(number):
+            with named(number):
                 check_reset(seeds[number], given, self._reset_options)
         infos: Info = {}
         for number, (observation, info) in self._all(
@@ -189,14 +194,14 @@ class TheatreVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         errors = {number: error for _, failed in answers for number, error in failed.items()}
         if errors:
             number = min(errors)
-            with _named(number):
+            with named(number):
                 raise errors[number]
         return sorted((number, result) for results, _ in answers for number, result in results.items())
 
     def _batched(self) -> Any:
         """Return the newest observations, stacked along a leading dimension, the caller's own."""
         out = create_empty_array(self.single_observation_space, n=self.num_envs, fn=np.zeros)
-        return concatenate(self.single_observation_space, self._observations, out)
+        return concatenate(self.single_observation_space, self._observations, cast("Any", out))
 
     def _add_info(self, vector_infos: Info, env_info: Info, env_num: int) -> Info:
         known = {key: value for key, value in env_info.items() if value is not None}
@@ -210,8 +215,8 @@ class TheatreVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
             raise InvalidValueError("number of actions", len(chosen), f"{self.num_envs}, one an environment")
         for number, action in enumerate(chosen):
             if number not in self._resetting:
-                with _named(number):
-                    self._action_check(action)
+                with named(number):
+                    self._action_checks[number](action)
         return chosen
 
     def _seeds(self, seed: Any) -> list[int | None]:
@@ -237,22 +242,6 @@ class TheatreVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         return [int(number) for number in np.flatnonzero(mask)]
 
 
-class _named:  # noqa: N801 - used as a statement
-    """Puts the environment's number in front of the errors raised within."""
-
-    def __init__(self, number: int) -> None:
-        self._number = number
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, _kind: object, error: BaseException | None, _traceback: object) -> None:
-        if isinstance(error, LaploopError):
-            raise error.at(f"environment {self._number}", ": ") from error
-        if error is not None:
-            error.add_note(f"in environment {self._number}")
-
-
 def checked_count(name: str, count: object, most: int) -> int:
     """Return a number of things.
 
@@ -262,6 +251,16 @@ def checked_count(name: str, count: object, most: int) -> int:
     if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= most:
         raise InvalidValueError(name, count, f"an integer, 1 to {most}")
     return count
+
+
+def _check_spaces(faces: Mapping[int, Face]) -> None:
+    """Raise an InvalidValueError unless all environments have the same spaces, so that they stack."""
+    first = faces[0]
+    for number, face in sorted(faces.items()):
+        for name in ("observation_space", "action_space"):
+            if getattr(face, name) != getattr(first, name):
+                with named(number):
+                    raise InvalidValueError(name, getattr(face, name), f"that of environment 0, {getattr(first, name)}")
 
 
 def _autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:

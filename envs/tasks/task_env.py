@@ -101,16 +101,15 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self.config: ConfigT = config or cast("Any", self.config_type)()
         scope = self.config.loop.theatre.scope
         mode = self.config.observation_mode
-        uses_depth = mode in DEPTH_MODES or self.config.action_mode == "residual"
         hides = any(fault.kind == "target-hidden" for fault in self.config.loop.faults)
         self.loop = ClosedLoop(
             self.config.loop,
-            chosen_estimator(perception, Rig.from_optics(scope), at_once=uses_depth),
+            chosen_estimator(perception, Rig.from_optics(scope)),
             recorder,
             moves_scope=self.moves_scope,
             locate_target=self.target_in_world if self.config.marker or hides else None,
             images=mode in STRIPE_MODES,
-            depth=uses_depth,
+            depth=mode in DEPTH_MODES or self.config.action_mode == "residual",
         )
         if self.config.action_mode == "residual" and controller is None:
             from laploop.control.controllers.registry import make_controller
