@@ -35,6 +35,9 @@ class SteppableEnv(Protocol):
     def action_check(self) -> Callable[[object], Array]:
         """What raises the errors of `step` that come before anything moves, given an action; picklable."""
 
+    def share_cores(self) -> None:
+        """Leave the other cores to other environments."""
+
     def resetting(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> PhysicsRun[Begin]:
         """As `reset`, stopping where MuJoCo computes."""
 
@@ -102,6 +105,7 @@ class EnvironmentGroup:
         autoreset: AutoresetMode,
         max_steps: int | None = None,
         threads: int = 1,
+        alone: bool = False,
     ) -> None:
         """Make the environments.
 
@@ -110,12 +114,15 @@ class EnvironmentGroup:
             autoreset: When an episode that has ended is followed by the next.
             max_steps: Steps after which an episode is truncated, as `gymnasium.wrappers.TimeLimit` does; None for no limit.
             threads: Of the physics.
+            alone: Whether there is no other environment, for which cores should be left.
         """
         self._stepper: Stepper = ThreadedStepper(threads)
         self._envs: dict[int, SteppableEnv] = {}
         for number, make in makers.items():
             with named(number):
-                self._envs[number] = make()
+                env = self._envs[number] = make()
+            if not alone:
+                env.share_cores()
         self._autoreset = autoreset
         self._max_steps = max_steps
         self._steps = dict.fromkeys(self._envs, 0)

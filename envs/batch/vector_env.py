@@ -64,7 +64,13 @@ class TheatreVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         self.workers = min(limit, self.num_envs)
         shares = np.array_split(np.arange(self.num_envs), self.workers)
         self._shares = [share.tolist() for share in shares]
-        group = partial(EnvironmentGroup, autoreset=self.autoreset_mode, max_steps=max_episode_steps, threads=threads)
+        group = partial(
+            EnvironmentGroup,
+            autoreset=self.autoreset_mode,
+            max_steps=max_episode_steps,
+            threads=threads,
+            alone=self.num_envs == 1,
+        )
         self._groups: list[AskedGroup] = []
         try:
             for number, share in enumerate(self._shares):

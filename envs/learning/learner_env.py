@@ -168,6 +168,10 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         """What `reset` takes in its options."""
         return self.task_env.reset_options
 
+    def share_cores(self) -> None:
+        """See `TaskEnv.share_cores`."""
+        self.task_env.share_cores()
+
     # What a task defines.
 
     def dense_terms(self, before: Mapping[str, Any], after: Mapping[str, Any], fraction: float) -> dict[str, Any]:

@@ -74,7 +74,7 @@ class ClosedLoop:
         self.max_force_n = self.mean_force_n = 0.0
         self._images_ahead = images or self.recorder.takes_frames or self.recorder.takes_depth
         self._depth_ahead = depth or self.recorder.takes_depth
-        self._camera = EpisodeCamera(config, self.rig, images=self._images_ahead, depth=self._depth_ahead)
+        self.camera = EpisodeCamera(config, self.rig, images=self._images_ahead, depth=self._depth_ahead)
         self._renderer: FrameRenderer | None = None
         self._server: PerceptionServer | None = None
 
@@ -111,7 +111,7 @@ class ClosedLoop:
         self._scope_controller = self._controller(self.scope) if self._moves_scope else None
         self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
-        self._renderer = FrameRenderer(self._camera.look(self.theatre, texture_rng), noise_rng, self.timer)
+        self._renderer = FrameRenderer(self.camera.look(self.theatre, texture_rng), noise_rng, self.timer)
         timing = self.config.timing
         samples = TimingSamples.draw(timing, service_rng, timing_rng)
         self.timing_log = TimingLog()
@@ -283,7 +283,7 @@ class ClosedLoop:
     def close(self) -> None:
         """End the running episode, if any, and all threads."""
         self._end_episode()
-        self._camera.close()
+        self.camera.close()
 
     def _end_episode(self) -> None:
         if self._server is not None:

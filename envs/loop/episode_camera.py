@@ -23,7 +23,9 @@ class EpisodeCamera:
         """
         self._config = config
         self._rig = rig
-        self._images = images
+        # While physics goes on, it has work for the other cores; whoever looks at the image of the moment waits for it.
+        self.threads: int | None = None if images else 1
+        """CPU threads of the camera once it is made; None for what the machine offers."""
         self._shared = not images and not depth
         self._camera: StripeCamera | SharedStripeCamera | None = None
 
@@ -49,5 +51,4 @@ class EpisodeCamera:
         config = self._config
         if self._shared:
             return SharedStripeCamera(config.theatre.scope, config.optics, device=config.device)
-        # While physics goes on, it has work for the other cores; whoever looks at the image of the moment waits for it.
-        return StripeCamera(self._rig, config.optics, device=config.device, threads=None if self._images else 1)
+        return StripeCamera(self._rig, config.optics, device=config.device, threads=self.threads)

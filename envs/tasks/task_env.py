@@ -136,6 +136,10 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         """What raises the errors of `step` that come before anything moves, given an action; picklable."""
         return partial(checked_action, config=self.config)
 
+    def share_cores(self) -> None:
+        """Leave the other cores to other environments: images take one thread; call it before the first `reset`."""
+        self.loop.camera.threads = 1
+
     # What a task defines.
 
     def extra_spaces(self) -> dict[str, spaces.Box]:
