@@ -25,6 +25,9 @@ class AskedGroup(Protocol):
     def answer(self) -> Outcome:
         """Return what the method returned."""
 
+    def begin_close(self) -> None:
+        """Begin to end it, without waiting."""
+
     def close(self) -> None:
         """End the group."""
 
@@ -45,6 +48,9 @@ class LocalGroup:
         name, arguments = self._asked
         outcome: Outcome = getattr(self._group, name)(*arguments)
         return outcome
+
+    def begin_close(self) -> None:
+        """Nothing that could be begun."""
 
     def close(self) -> None:
         """End the group."""
@@ -99,10 +105,13 @@ class GroupProcess:
         returned: Outcome = outcome
         return returned
 
-    def close(self) -> None:
-        """End the process: in good order if it waits to be asked, at once otherwise."""
+    def begin_close(self) -> None:
+        """Ask the process to end."""
         with suppress(OSError, ValueError):
             self._connection.send(("close", ()))
+
+    def close(self) -> None:
+        """Wait for the process, which `begin_close` has asked to end, or kill it."""
         self._process.join(timeout=_PATIENCE_S)
         if self._process.is_alive():
             self._process.kill()

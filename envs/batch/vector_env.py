@@ -175,6 +175,8 @@ class TheatreVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
     def close_extras(self, **_unused: Any) -> None:
         """End all environments and processes."""
         for group in self._groups:
+            group.begin_close()
+        for group in self._groups:
             group.close()
         self._groups = []
 
