@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import pickle
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -9,7 +10,7 @@ from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
 from laploop.envs.batch.group import EnvironmentGroup, Outcome
-from laploop.errors import LaploopError, WorkerError
+from laploop.errors import WorkerError
 from laploop.workers import follow_parent
 
 _PATIENCE_S = 5.0
@@ -156,7 +157,10 @@ def _serve(connection: Connection, make: Callable[[], EnvironmentGroup]) -> None
         try:
             connection.send(answer)
         except Exception as error:  # noqa: BLE001 - what was asked for cannot be sent
-            connection.send((None, _portable(error)))
+            reason = f"{type(error).__name__}: {error}"
+            connection.send(
+                (None, WorkerError(f"the answer to {name!r} cannot be sent to another process ({reason}); use workers=1"))
+            )
         if name == "close":
             return
         try:
@@ -175,5 +179,9 @@ def _answer(group: EnvironmentGroup, name: str, arguments: tuple[Any, ...]) -> t
 
 
 def _portable(error: Exception) -> Exception:
-    """Return an error that can be sent to another process."""
-    return error if isinstance(error, LaploopError) else WorkerError(f"{type(error).__name__}: {error}")
+    """Return the error, or one with its message where it cannot be sent to another process."""
+    try:
+        pickle.loads(pickle.dumps(error))  # noqa: S301 - our own
+    except Exception:  # noqa: BLE001 - exceptions of others do not always pickle
+        return WorkerError(f"{type(error).__name__}: {error}")
+    return error
