@@ -92,10 +92,11 @@ class GroupProcess:
             raise self._died() from error
 
     def answer(self) -> Outcome:
-        """Return what the method returned, or raise what it raised.
+        """Return what the method returned; the first time, once the group is made, the faces of its environments.
 
         Raises:
             WorkerError: If the process has died.
+            LaploopError: If the group cannot be made.
         """
         try:
             outcome, error = self._connection.recv()
@@ -153,14 +154,13 @@ def _serve(connection: Connection, make: Callable[[], EnvironmentGroup]) -> None
     name: str = "faces"
     arguments: tuple[Any, ...] = ()
     while True:
-        answer = _answer(group, name, arguments)
+        results, errors = _answer(group, name, arguments)
         try:
-            connection.send(answer)
+            connection.send(((results, errors), None))
         except Exception as error:  # noqa: BLE001 - what was asked for cannot be sent
             reason = f"{type(error).__name__}: {error}"
-            connection.send(
-                (None, WorkerError(f"the answer to {name!r} cannot be sent to another process ({reason}); use workers=1"))
-            )
+            told = WorkerError(f"the answer to {name!r} cannot be sent to another process ({reason}); use workers=1")
+            connection.send((({}, dict.fromkeys(results, told)), None))
         if name == "close":
             return
         try:
@@ -169,13 +169,10 @@ def _serve(connection: Connection, make: Callable[[], EnvironmentGroup]) -> None
             return
 
 
-def _answer(group: EnvironmentGroup, name: str, arguments: tuple[Any, ...]) -> tuple[Outcome | None, Exception | None]:
-    """Return what a method returned, or what it raised."""
-    try:
-        results, errors = getattr(group, name)(*arguments)
-    except Exception as error:  # noqa: BLE001 - raised where it was asked for
-        return None, _portable(error)
-    return (results, {number: _portable(error) for number, error in errors.items()}), None
+def _answer(group: EnvironmentGroup, name: str, arguments: tuple[Any, ...]) -> Outcome:
+    """Return what a method returned, its errors such that they can be sent."""
+    results, errors = getattr(group, name)(*arguments)
+    return results, {number: _portable(error) for number, error in errors.items()}
 
 
 def _portable(error: Exception) -> Exception:
