@@ -92,6 +92,7 @@ results: $(DEV)
 	  && cp runs/speed-$$model/summary.json $(RESULTS)/speed-$$model.json || exit 1; done
 	$(BIN)/laploop fidelity --out runs/fidelity && cp runs/fidelity/summary.json $(RESULTS)/fidelity.json
 	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
+	$(BIN)/python -P -m laploop.studies.learners.returns $(RESULTS)/learner-returns.json
 	$(BIN)/python -P -m laploop.studies.synthesis.worlds_figure docs/pictures/worlds.png
 	$(BIN)/python -P -m laploop.studies.readme.results_page $(RESULTS) README.md
 

@@ -1,5 +1,7 @@
+from . import dm as dm
 from .async_policy import AsyncPolicy as AsyncPolicy
 from .async_policy import AsyncPolicyConfig as AsyncPolicyConfig
+from .environment_state import EnvironmentState as EnvironmentState
 from .episode import run_episode as run_episode
 from .episode_config import ControllerConfig as ControllerConfig
 from .episode_config import EpisodeConfig as EpisodeConfig
@@ -74,27 +76,43 @@ from .theatre.theatre import Theatre as Theatre
 from .theatre.trocar import TrocarConfig as TrocarConfig
 from .timing_presets import TIMINGS as TIMINGS
 from .timing_presets import TimingPreset as TimingPreset
+from .wrappers.action_history import ActionHistory as ActionHistory
+from .wrappers.age_aware_frame_stack import AgeAwareFrameStack as AgeAwareFrameStack
+from .wrappers.chain_state import ChainState as ChainState
+from .wrappers.chain_state import StatefulWrapper as StatefulWrapper
+from .wrappers.chain_state import get_state as get_state
+from .wrappers.chain_state import set_state as set_state
+from .wrappers.conservative_agent import ConservativeAgent as ConservativeAgent
+from .wrappers.delay_randomization import DelayRandomization as DelayRandomization
+from .wrappers.goal_conditioned import GoalConditioned as GoalConditioned
 
 __all__ = [
     "PRIVILEGED",
     "TASKS",
     "TIMINGS",
+    "ActionHistory",
     "ActuationConfig",
+    "AgeAwareFrameStack",
     "AsyncPolicy",
     "AsyncPolicyConfig",
     "BaseMotion",
     "CameraResponse",
+    "ChainState",
     "ClockRates",
     "ClosedLoop",
     "CompositeRecorder",
+    "ConservativeAgent",
     "ConstantLatency",
     "ControllerConfig",
     "Criterion",
+    "DelayRandomization",
+    "EnvironmentState",
     "EpisodeConfig",
     "EpisodeOptions",
     "ExposureControl",
     "Fault",
     "GammaLatency",
+    "GoalConditioned",
     "KinematicErrors",
     "LatencyModel",
     "LearnerEnv",
@@ -128,6 +146,7 @@ __all__ = [
     "ScanLearnerEnv",
     "ScopeRanges",
     "StageTravel",
+    "StatefulWrapper",
     "StripeCamera",
     "StripeOptics",
     "Subsurface",
@@ -147,9 +166,12 @@ __all__ = [
     "VectorLayout",
     "decode_depth",
     "default_config",
+    "dm",
     "encode_depth",
     "environment_id",
+    "get_state",
     "optics_preset",
     "run_episode",
+    "set_state",
     "with_fidelity",
 ]

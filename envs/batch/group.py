@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
@@ -10,45 +10,9 @@ from gymnasium.vector import AutoresetMode
 from laploop.arrays import Array
 from laploop.envs.batch.lock_step import run_in_lock_step
 from laploop.envs.batch.stepper import Stepper, ThreadedStepper
+from laploop.envs.tasks.steppable_env import Begin, Info, SteppableEnv
 from laploop.envs.theatre.physics_call import PhysicsRun
 from laploop.errors import LaploopError
-
-Info = dict[str, Any]
-Begin = tuple[Any, Info]
-"""What a reset returns: observation and info."""
-Step = tuple[Any, float, bool, bool, Info]
-
-
-class SteppableEnv(Protocol):
-    """What an environment must offer beyond Gymnasium's interface, so that others can advance with it."""
-
-    observation_space: spaces.Space[Any]
-    action_space: spaces.Space[Any]
-    metadata: dict[str, Any]
-    render_mode: str | None
-
-    @property
-    def reset_options(self) -> tuple[str, ...]:
-        """What `reset` takes in its options."""
-
-    @property
-    def action_check(self) -> Callable[[object], Array]:
-        """What raises the errors of `step` that come before anything moves, given an action; picklable."""
-
-    def share_cores(self) -> None:
-        """Leave the other cores to other environments."""
-
-    def resetting(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> PhysicsRun[Begin]:
-        """As `reset`, stopping where MuJoCo computes."""
-
-    def stepping(self, action: Any, /) -> PhysicsRun[Step]:
-        """As `step`, stopping where MuJoCo computes."""
-
-    def render(self) -> Any:
-        """Return a picture."""
-
-    def close(self) -> None:
-        """End it."""
 
 
 class Face(NamedTuple):

@@ -7,10 +7,10 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
-from laploop.envs.batch.group import SteppableEnv
 from laploop.envs.batch.vector_env import MOST_ENVIRONMENTS, TheatreVectorEnv, checked_count
 from laploop.envs.learning.registry import learner_spec
 from laploop.envs.tasks.registry import task_spec
+from laploop.envs.tasks.steppable_env import SteppableEnv
 from laploop.errors import InvalidValueError
 
 

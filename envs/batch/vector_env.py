@@ -9,10 +9,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space, concatenate, create_empty_array
 from numpy.typing import NDArray
 
-from laploop.envs.batch.group import EnvironmentGroup, Face, Info, Result, SteppableEnv, named
+from laploop.envs.batch.group import EnvironmentGroup, Face, Result, named
 from laploop.envs.batch.group_process import AskedGroup, GroupProcess, LocalGroup
 from laploop.envs.batch.stepper import checked_threads, usable_cores
 from laploop.envs.tasks.reset_arguments import check_reset
+from laploop.envs.tasks.steppable_env import Info, SteppableEnv
 from laploop.errors import InvalidValueError, SimulationError
 
 MOST_ENVIRONMENTS = 4096

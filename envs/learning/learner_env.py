@@ -21,9 +21,11 @@ from laploop.envs.learning.rewards import SUCCESS, TIME, approach, shared_terms
 from laploop.envs.recording.recorder import Recorder
 from laploop.envs.tasks.actions import action_bound, action_size, scaled_action
 from laploop.envs.tasks.registry import default_config, make_environment, task_spec
+from laploop.envs.tasks.steppable_env import Begin, Info, Step, SteppableEnv
 from laploop.envs.tasks.task_config import TaskConfig
-from laploop.envs.tasks.task_env import HARMS, Info, TaskEnv
-from laploop.envs.theatre.physics_call import PhysicsRun, run_alone
+from laploop.envs.tasks.task_env import HARMS, TaskEnv
+from laploop.envs.theatre.physics_call import PhysicsRun
+from laploop.envs.wrappers.chain_state import ChainState, get_state, set_state
 from laploop.errors import InvalidValueError, LaploopNote, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 
@@ -32,10 +34,13 @@ _WORST_SCALARS = ("contact_force_n",)
 _WORST_BY_ARM = ("rcm_error_mm", "port_force_n", "port_friction_n")
 _OWN_SENSES: Mapping[str, int] = {"tip_position": 3, "tip_velocity": 3, "contact_force": 3}
 
+_TISSUES = 10
+"""How many are tried before a reset gives up."""
+
 Observation = Any
 
 
-class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
+class LearnerEnv(SteppableEnv):
     """A task behind the interface that learners expect; one step is one decision, 40 ms by default.
 
     It stands around the environment of a task, `task_env`, whose actions it holds for the control periods of a decision. An
@@ -78,8 +83,8 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ## Arguments
 
-    Those of `LearnerOptions`, and `config` (the task's whole configuration), `perception` (name of an estimator, or an object; by
-    default `compact` where depth is used), `recorder`, `controller` (what `residual` adds to), `render_mode` (`rgb_array` or
+    Those of `LearnerOptions`, and `config` (the task's whole configuration), `perception` (name of an estimator, or an object;
+    by default `compact` where depth is used), `recorder`, `controller` (what `residual` adds to), `render_mode` (`rgb_array` or
     `human`).
 
     ## Version history
@@ -92,6 +97,10 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     task_name: ClassVar[str | None] = None
     """The task, where a class is made for one."""
+    lasting: ClassVar[frozenset[str]] = frozenset(
+        {"options", "layout", "decision_ticks", "action_scale", "depth_near_mm", "depth_far_mm", "render_mode", "_viewer"}
+    )
+    """Attributes that belong to no state."""
 
     def __init__(
         self,
@@ -160,7 +169,7 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     @property
     def action_check(self) -> Callable[[object], Array]:
-        """What raises the errors of `step` that come before anything moves, given an action; picklable."""
+        """See `SteppableEnv`."""
         return partial(scaled_action, config=self.task_env.config)
 
     @property
@@ -169,7 +178,7 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         return self.task_env.reset_options
 
     def share_cores(self) -> None:
-        """See `TaskEnv.share_cores`."""
+        """See `SteppableEnv`."""
         self.task_env.share_cores()
 
     # What a task defines.
@@ -193,32 +202,24 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     # What all tasks share.
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Begin an episode; arguments and errors as for `TaskEnv.reset`."""
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Begin:
+        """See `SteppableEnv`."""
         self._note_time_limit()
-        return run_alone(self.resetting(seed=seed, options=options))
+        return super().reset(seed=seed, options=options)
 
-    def resetting(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> PhysicsRun[tuple[Observation, Info]]:
-        """As `reset`, stopping where MuJoCo computes."""
-        observed, info = yield from self.task_env.resetting(seed=seed, options=options)
-        super().reset(seed=None if seed is None else int(seed))
+    def resetting(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> PhysicsRun[Begin]:
+        """Begin an episode of the task.
+
+        A tissue on which the task cannot be set, such as one without room for a line, is replaced by the next one drawn.
+        """
+        observed, info = yield from self._begun_task(seed, options)
+        self.seed_generator(seed)
         self._newest = info
         quantities = self._privileged()
         return self._observation(observed, quantities), self._info(info, {}, quantities)
 
-    def step(self, action: NDArray[np.floating[Any]]) -> tuple[Observation, float, bool, bool, Info]:
-        """Hold an action for a decision, or until the episode ends.
-
-        Raises:
-            InvalidValueError: If the action has another shape, or an entry that is not finite where that is an error.
-            SimulationError: If the episode has ended or not begun.
-        """
-        return run_alone(self.stepping(action))
-
-    def stepping(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[tuple[Observation, float, bool, bool, Info]]:
-        """As `step`, stopping where MuJoCo computes."""
+    def stepping(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[Step]:
+        """Hold an action for a decision, or until the episode ends."""
         if self._newest is None:
             raise SimulationError("the episode has not begun; call reset() first")
         config = self.task_env.config
@@ -252,6 +253,19 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
             self._view = EpisodeView(self.task_env, self.options.render_view)
         return self._view.picture()
 
+    def get_state(self) -> ChainState:
+        """Return everything that shapes the future; errors as for `TaskEnv.get_state`."""
+        return get_state(self)
+
+    def set_state(self, state: ChainState) -> None:
+        """Go on from a state of an environment like this one; errors as for `TaskEnv.set_state`."""
+        self._drop_view()
+        set_state(self, state)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what copies and pickles: neither pictures nor a viewer."""
+        return vars(self) | {"_view": None, "_viewer": None}
+
     def close(self) -> None:
         """End the episode, its threads and its recording."""
         self._newest = None
@@ -259,6 +273,16 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.task_env.close()
         if self._viewer is not None:
             self._viewer.close()
+
+    def _begun_task(self, seed: int | None, options: dict[str, Any] | None) -> PhysicsRun[tuple[dict[str, Any], Info]]:
+        """Reset the task, on another tissue if need be: training should not break off because of one in a hundred."""
+        for _ in range(_TISSUES - 1):
+            try:
+                return (yield from self.task_env.resetting(seed=seed, options=options))
+            except SimulationError:
+                # From here on the generator that the seed has set decides.
+                seed = None
+        return (yield from self.task_env.resetting(seed=seed, options=options))
 
     def _drop_view(self) -> None:
         if self._view is not None:

@@ -66,6 +66,10 @@ class FrameRenderer:
         """Begin nothing any more; does not wait for what is under way."""
         self._worker.abandon()
 
+    def settle(self) -> None:
+        """Wait for what is under way, and go on."""
+        self._worker.settle()
+
     def close(self) -> None:
         """End the thread; what has not been rendered cannot be any more."""
         self._worker.close()

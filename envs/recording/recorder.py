@@ -88,6 +88,11 @@ class Recorder:
     """
 
     @property
+    def takes_ticks(self) -> bool:
+        """Whether it records control ticks."""
+        return type(self).tick is not Recorder.tick
+
+    @property
     def takes_frames(self) -> bool:
         """Whether it records captured frames."""
         return type(self).frame is not Recorder.frame
@@ -125,6 +130,11 @@ class CompositeRecorder(Recorder):
 
     def __init__(self, recorders: Sequence[Recorder]) -> None:
         self._recorders = tuple(recorders)
+
+    @property
+    def takes_ticks(self) -> bool:
+        """Whether any of them records control ticks."""
+        return any(recorder.takes_ticks for recorder in self._recorders)
 
     @property
     def takes_frames(self) -> bool:

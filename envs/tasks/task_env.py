@@ -2,11 +2,10 @@
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -31,23 +30,24 @@ from laploop.envs.tasks.observations import (
 )
 from laploop.envs.tasks.registry import task_spec
 from laploop.envs.tasks.reset_arguments import check_reset
+from laploop.envs.tasks.savable_env import SavableEnv
+from laploop.envs.tasks.steppable_env import Begin, Info, Step
 from laploop.envs.tasks.surface_point import SurfacePoint
 from laploop.envs.tasks.target_choice import checked_pixels, choose_target_pixel
 from laploop.envs.tasks.task_config import TaskConfig
-from laploop.envs.theatre.physics_call import PhysicsRun, run_alone
+from laploop.envs.theatre.physics_call import PhysicsRun
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.chosen import chosen_estimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
 
-Info = dict[str, Any]
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 
 HARMS = ("force", "rcm")
 """Values of `terminated_by` for an exceeded safety limit."""
 
 
-class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
+class TaskEnv(SavableEnv, Generic[ConfigT]):
     """A task in the closed loop; one step is one control period, 8 ms by default.
 
     The target is a material point of the tissue: the one that the chosen pixel showed when the first frame was captured. An
@@ -99,6 +99,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         if config is not None and not isinstance(config, self.config_type):
             raise InvalidValueError("config", type(config).__name__, f"a {self.config_type.__name__}")
         self.config: ConfigT = config or cast("Any", self.config_type)()
+        self._perception = perception
         scope = self.config.loop.theatre.scope
         mode = self.config.observation_mode
         hides = any(fault.kind == "target-hidden" for fault in self.config.loop.faults)
@@ -126,6 +127,9 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self._depth_mae_mm: float | None = None
         self._depth_valid_fraction: float | None = None
 
+    def _make_anew(self, config: Any, perception: str | DepthEstimator) -> None:
+        TaskEnv.__init__(self, config, perception)
+
     @property
     def task(self) -> str:
         """The task's name."""
@@ -133,12 +137,12 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     @property
     def action_check(self) -> Callable[[object], Array]:
-        """What raises the errors of `step` that come before anything moves, given an action; picklable."""
+        """See `SteppableEnv`."""
         return partial(checked_action, config=self.config)
 
     def share_cores(self) -> None:
-        """Leave the other cores to other environments: images take one thread; call it before the first `reset`."""
-        self.loop.camera.threads = 1
+        """See `SteppableEnv`."""
+        self.loop.observed.threads = 1
 
     # What a task defines.
 
@@ -194,30 +198,14 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     # What all tasks share.
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Build a tissue, start the loop, choose a target.
-
-        Args:
-            seed: Decides everything that is random in the episode.
-            options: `{"target_pixel": (column, row)}` chooses the target by hand.
-
-        Raises:
-            UnknownNameError: If there is no such option.
-            InvalidValueError: If the seed is not an integer from 0 on, or the chosen pixel shows no tissue.
-        """
-        return run_alone(self.resetting(seed=seed, options=options))
-
-    def resetting(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> PhysicsRun[tuple[Observation, Info]]:
-        """As `reset`, stopping where MuJoCo computes."""
+    def resetting(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> PhysicsRun[Begin]:
+        """Build a tissue, start the loop, choose a target: in the first frame, at time 0, before the loop runs."""
         check_reset(seed, options, self.reset_options)
-        super().reset(seed=None if seed is None else int(seed))
+        self.seed_generator(seed)
         self._running = False
         theatre_rng, target_rng = self.np_random.spawn(2)
         theatre_seed = int(theatre_rng.integers(2**31)) if seed is None else int(seed)
         self._interpreter.reset()
-        # The target is chosen in the first frame, at time 0, before the loop runs.
         self._target = self._touched = None
         choose = partial(self.choose_target, target_rng, options or {})
         yield from self.loop.resetting(theatre_rng, theatre_seed=theatre_seed, at_first_frame=choose)
@@ -226,22 +214,13 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         info = self._info(reward_terms={}, terminated_by=None, succeeded=False)
         return self.observation(), info
 
-    def step(self, action: NDArray[np.floating[Any]]) -> tuple[Observation, float, bool, bool, Info]:
-        """Run one control period.
-
-        Raises:
-            InvalidValueError: If the action has another shape, or an entry that is not finite where that is an error.
-            SimulationError: If the episode has ended or not begun.
-        """
-        return run_alone(self.stepping(action))
-
-    def stepping(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[tuple[Observation, float, bool, bool, Info]]:
-        """As `step`, stopping where MuJoCo computes."""
+    def stepping(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[Step]:
+        """Run one control period, and observe."""
         reward, terminated, truncated, info = yield from self.ticking(action)
         return self.observation(), reward, terminated, truncated, info
 
     def ticking(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[tuple[float, bool, bool, Info]]:
-        """As `stepping`, without observing, for whoever looks only after several control periods."""
+        """Run one control period without observing, for whoever looks only after several of them."""
         if not self._running:
             raise SimulationError("the episode has ended or not begun; call reset() first")
         checked = checked_action(action, self.config)
@@ -265,7 +244,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         weights, unweighted = vars(self.config.rewards), {**self.reward_terms(), **shared_terms}
         terms = {name: value * float(weights[name]) for name, value in unweighted.items()}
         info = self._info(terms, "time" if truncated else terminated_by, succeeded=succeeded)
-        self._record_tick(info)
+        if self.loop.recorder.takes_ticks:
+            self._record_tick(info)
         self._running = terminated_by is None and not truncated
         return float(sum(terms.values())), terminated_by is not None, truncated, info
 
@@ -274,13 +254,13 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         mode, served, newest = self.config.observation_mode, self.loop.newest_served, self.loop.newest_arrived
         if served is None or newest is None:
             raise SimulationError("no frame yet")
-        known = self.loop.control_input(self.target_pixel, with_depth=False)
+        tip, velocity, force = self.loop.reading().seen_from(invert_transform(self.loop.scope.world_from_camera()))
         observation: Observation = {"stripes": newest.frame.image.copy()} if mode in STRIPE_MODES else {}
         if mode in DEPTH_MODES:
             observation |= depth_observation(served, self.loop.now_ns)
-        observation["tip_position"] = bounded(known.tip_in_camera, -1.0, 1.0)
-        observation["tip_velocity"] = bounded(known.tip_velocity_in_camera, -1.0, 1.0)
-        observation["contact_force"] = bounded(known.contact_force_in_camera, -MAX_FORCE_N, MAX_FORCE_N)
+        observation["tip_position"] = bounded(tip, -1.0, 1.0)
+        observation["tip_velocity"] = bounded(velocity, -1.0, 1.0)
+        observation["contact_force"] = bounded(force, -MAX_FORCE_N, MAX_FORCE_N)
         observation["target_pixel"] = self.target_pixel.astype(np.float32)
         if mode == "state":
             camera_from_world = invert_transform(self.loop.theatre.world_from_camera())
@@ -386,7 +366,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             "sim_s": self.loop.now_ns * 1e-9,
             "frames": self.loop.frame_count,
             "dropped_frames": self.loop.dropped_frames,
-            "frame_times": None if (newest := self.loop.timing_log.newest_used) is None else asdict(newest),
+            "frame_times": None if (newest := self.loop.timing_log.newest_used) is None else dict(vars(newest)),
             "status": str(status),
             "status_reason": self.loop.status_reason,
             "fault": self._interpreter.fault,

@@ -1,5 +1,9 @@
 """The operating theatre: the simulated world that sensors look at and controllers act on."""
 
+import copy
+from dataclasses import dataclass
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -19,6 +23,25 @@ from laploop.envs.theatre.theatre_model import CAMERA_ARM, INSTRUMENT_PREFIX, SC
 from laploop.envs.theatre.tissue import Tissue
 from laploop.envs.theatre.trocar import Trocar
 from laploop.errors import InvalidValueError, SimulationError
+
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+"""What MuJoCo needs to go on to the same bits."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TheatreState:
+    """What changes in a theatre while it runs."""
+
+    physics: Array
+    """MuJoCo's own state, with stage and warm start."""
+    steps: int
+    """Physics steps since the reset."""
+    contact_force: Array
+    """(3,), N, on the tip in the last step."""
+    references: dict[str, Actuation]
+    """Of each arm: its targets, those in flight included."""
+    trocars: dict[str, dict[str, Any]]
+    log: dict[str, Any]
 
 
 class Theatre:
@@ -136,6 +159,33 @@ class Theatre:
     def refresh(self) -> None:
         """Bring stage, poses, tissue and contacts up to the present state; needed after a change to it from outside."""
         run_alone(self._refreshing())
+
+    def get_state(self) -> TheatreState:
+        """Return everything in which this theatre differs from another one of the same configuration and seed."""
+        physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, physics, _STATE)
+        return TheatreState(
+            physics=physics,
+            steps=self._steps,
+            contact_force=self._contact_force.copy(),
+            references=copy.deepcopy(self._references),
+            trocars={name: trocar.get_state() for name, trocar in self._trocars.items()},
+            log=self.log.get_state(),
+        )
+
+    def set_state(self, state: TheatreState) -> None:
+        """Take over what `get_state` of a theatre of the same configuration and seed has returned."""
+        mujoco.mj_resetData(self.model, self.data)
+        mujoco.mj_setState(self.model, self.data, state.physics, _STATE)
+        self._steps = state.steps
+        self._contact_force = state.contact_force.copy()
+        self._references = copy.deepcopy(state.references)
+        # Brings back what follows from the state, as at the end of the step after which it was taken. The stage is in place:
+        # its velocity is part of the state, and to place it anew would take the contact body's orientation of now, a step late.
+        mujoco.mj_step1(self.model, self.data)
+        for name, trocar in self._trocars.items():
+            trocar.set_state(state.trocars[name])
+        self.log.set_state(state.log)
 
     def set_joint_targets(self, arm: Arm, q: Array, qdot: Array | None = None) -> None:
         """Send an arm's servos targets for one control period: angles, (6,) rad, and velocities, (6,) rad/s.

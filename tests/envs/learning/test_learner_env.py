@@ -1,4 +1,5 @@
 import warnings
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -169,7 +170,7 @@ def test_keywords_change_the_task(learner):
         (
             {"config": ReachConfig(), "fidelity": "fast"},
             InvalidValueError,
-            "fidelity is 'fast'; allowed: none that contradicts",
+            "fidelity is 'fast'; allowed: none that contr",
         ),
         ({"config": ReachConfig(), "motion": "both"}, InvalidValueError, "motion is 'both'"),
     ],
@@ -222,3 +223,47 @@ def test_episodes_that_need_no_more_than_the_limit_are_told_nothing():
         env = gym.make("laploop/Reach-v1", fidelity="fast")
         env.reset(seed=1)
         env.close()
+
+
+def test_a_tissue_on_which_the_task_cannot_be_set_is_replaced_by_the_next(learner, monkeypatch):
+    env = learner()
+    choose = ReachEnv.choose_target
+    tissues = []
+
+    def refuse_the_first(task, rng, options):
+        tissues.append(task.loop.theatre.tissue.rest_points.sum())
+        if len(tissues) % 3:
+            raise SimulationError("no pixel qualifies")
+        choose(task, rng, options)
+
+    monkeypatch.setattr(ReachEnv, "choose_target", refuse_the_first)
+    first, _ = env.reset(seed=3)
+    second, _ = env.reset(seed=3)
+    assert len(set(tissues[:3])) == 3
+    assert tissues[:3] == tissues[3:]
+    np.testing.assert_array_equal(first, second)
+
+
+def test_a_reset_that_never_succeeds_gives_up(learner, monkeypatch):
+    def refuse(*_):
+        raise SimulationError("no pixel qualifies")
+
+    monkeypatch.setattr(ReachEnv, "choose_target", refuse)
+    with pytest.raises(SimulationError, match="no pixel qualifies"):
+        learner().reset(seed=3)
+
+
+@pytest.mark.parametrize("task", ["reach", "track", "palpate", "scan", "look"])
+def test_the_pages_name_every_entry_and_every_term(learner, task):
+    docs = Path(__file__).parents[3] / "docs"
+    common, page = (docs / "environments.md").read_text(), (docs / "tasks" / f"{task}.md").read_text()
+    env = learner(task, observation="depth+state")
+    env.reset(seed=5)
+    *_, info = env.step(STILL)
+    for name in (*env.layout.slices, "depth_near_mm", "depth_far_mm", "is_success", "privileged"):
+        assert name in common, name
+    for entry in env.layout.entries:
+        assert f"| `{entry.name}` | {entry.size} |" in common
+    for term in info["reward_terms"]:
+        assert f"`{term}`" in page or f"| `{term}` |" in common, term
+        assert f"`{term}`" in type(env).__doc__

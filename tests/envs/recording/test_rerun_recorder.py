@@ -11,6 +11,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from laploop.assets.scope_optics import ScopeOptics
+from laploop.envs.recording.episode_log import EpisodeLog
 from laploop.envs.recording.recorder import CompositeRecorder, DepthRecord, FrameRecord, NullRecorder, Recorder, TickRecord
 from laploop.envs.recording.rerun_recorder import DEPTH_UNITS_PER_M, RerunRecorder
 from laploop.envs.recording.rerun_scene import VertexNormals
@@ -351,6 +352,8 @@ def test_null_recorder_takes_everything_and_keeps_nothing():
     recorder.tick(tick_record(0))
     recorder.close()
     assert not vars(recorder)
+    assert not any([recorder.takes_ticks, recorder.takes_frames, recorder.takes_depth])
+    assert CompositeRecorder([NullRecorder(), EpisodeLog()]).takes_ticks
 
 
 def test_vertex_normals_of_a_tilted_square_are_those_of_its_plane():
