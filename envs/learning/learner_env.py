@@ -2,7 +2,8 @@
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, ClassVar, cast
 
 import gymnasium as gym
@@ -20,8 +21,10 @@ from laploop.envs.learning.rewards import SUCCESS, TIME, approach, shared_terms
 from laploop.envs.recording.recorder import Recorder
 from laploop.envs.tasks.actions import action_bound, action_size, scaled_action
 from laploop.envs.tasks.registry import default_config, make_environment, task_spec
+from laploop.envs.tasks.steppable_env import Begin, Info, Step, SteppableEnv
 from laploop.envs.tasks.task_config import TaskConfig
-from laploop.envs.tasks.task_env import HARMS, Info, TaskEnv
+from laploop.envs.tasks.task_env import HARMS, TaskEnv
+from laploop.envs.theatre.physics_call import PhysicsRun
 from laploop.envs.wrappers.chain_state import ChainState, get_state, set_state
 from laploop.errors import InvalidValueError, LaploopNote, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
@@ -37,7 +40,7 @@ _TISSUES = 10
 Observation = Any
 
 
-class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
+class LearnerEnv(SteppableEnv):
     """A task behind the interface that learners expect; one step is one decision, 40 ms by default.
 
     It stands around the environment of a task, `task_env`, whose actions it holds for the control periods of a decision. An
@@ -164,6 +167,20 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         config: TaskConfig = self.task_env.config
         return math.ceil(round(config.max_seconds * 1e9) / (config.loop.control_ns * self.decision_ticks))
 
+    @property
+    def action_check(self) -> Callable[[object], Array]:
+        """See `SteppableEnv`."""
+        return partial(scaled_action, config=self.task_env.config)
+
+    @property
+    def reset_options(self) -> tuple[str, ...]:
+        """What `reset` takes in its options."""
+        return self.task_env.reset_options
+
+    def share_cores(self) -> None:
+        """See `SteppableEnv`."""
+        self.task_env.share_cores()
+
     # What a task defines.
 
     def dense_terms(self, before: Mapping[str, Any], after: Mapping[str, Any], fraction: float) -> dict[str, Any]:
@@ -185,25 +202,24 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     # What all tasks share.
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Begin an episode; arguments and errors as for `TaskEnv.reset`.
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Begin:
+        """See `SteppableEnv`."""
+        self._note_time_limit()
+        return super().reset(seed=seed, options=options)
+
+    def resetting(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> PhysicsRun[Begin]:
+        """Begin an episode of the task.
 
         A tissue on which the task cannot be set, such as one without room for a line, is replaced by the next one drawn.
         """
-        observed, info = self._begun_task(seed, options)
-        super().reset(seed=None if seed is None else int(seed))
-        self._note_time_limit()
+        observed, info = yield from self._begun_task(seed, options)
+        self.seed_generator(seed)
         self._newest = info
         quantities = self._privileged()
         return self._observation(observed, quantities), self._info(info, {}, quantities)
 
-    def step(self, action: NDArray[np.floating[Any]]) -> tuple[Observation, float, bool, bool, Info]:
-        """Hold an action for a decision, or until the episode ends.
-
-        Raises:
-            InvalidValueError: If the action has another shape, or an entry that is not finite where that is an error.
-            SimulationError: If the episode has ended or not begun.
-        """
+    def stepping(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[Step]:
+        """Hold an action for a decision, or until the episode ends."""
         if self._newest is None:
             raise SimulationError("the episode has not begun; call reset() first")
         config = self.task_env.config
@@ -211,7 +227,7 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         infos = [self._newest]
         terms: dict[str, float] = {}
         for _ in range(self.decision_ticks):
-            _, terminated, truncated, info = self.task_env.tick(command)
+            _, terminated, truncated, info = yield from self.task_env.ticking(command)
             for name, value in self._reward_terms(infos[-1], info, command / self.action_scale).items():
                 terms[name] = terms.get(name, 0.0) + float(value)
             infos.append(info)
@@ -258,15 +274,15 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self._viewer is not None:
             self._viewer.close()
 
-    def _begun_task(self, seed: int | None, options: dict[str, Any] | None) -> tuple[dict[str, Any], Info]:
+    def _begun_task(self, seed: int | None, options: dict[str, Any] | None) -> PhysicsRun[tuple[dict[str, Any], Info]]:
         """Reset the task, on another tissue if need be: training should not break off because of one in a hundred."""
         for _ in range(_TISSUES - 1):
             try:
-                return self.task_env.reset(seed=seed, options=options)
+                return (yield from self.task_env.resetting(seed=seed, options=options))
             except SimulationError:
                 # From here on the generator that the seed has set decides.
                 seed = None
-        return self.task_env.reset(seed=seed, options=options)
+        return (yield from self.task_env.resetting(seed=seed, options=options))
 
     def _drop_view(self) -> None:
         if self._view is not None:
