@@ -30,6 +30,10 @@ from .loop.timing.latency import LognormalLatency as LognormalLatency
 from .loop.timing.latency import MeasuredLatency as MeasuredLatency
 from .loop.timing.latency import NormalLatency as NormalLatency
 from .loop.timing.latency import TraceLatency as TraceLatency
+from .randomisation.distributions import Distribution as Distribution
+from .randomisation.files import randomisation_of as randomisation_of
+from .randomisation.randomisation import Randomisation as Randomisation
+from .randomisation.randomisation import with_values as with_values
 from .recording.recorder import CompositeRecorder as CompositeRecorder
 from .recording.recorder import NullRecorder as NullRecorder
 from .recording.recorder import Recorder as Recorder
@@ -90,6 +94,7 @@ __all__ = [
     "ConstantLatency",
     "ControllerConfig",
     "Criterion",
+    "Distribution",
     "EpisodeConfig",
     "EpisodeOptions",
     "ExposureControl",
@@ -115,6 +120,7 @@ __all__ = [
     "PalpateLearnerEnv",
     "PerceptionConfig",
     "PredictorConfig",
+    "Randomisation",
     "ReachConfig",
     "ReachEnv",
     "ReachLearnerEnv",
@@ -150,6 +156,8 @@ __all__ = [
     "encode_depth",
     "environment_id",
     "optics_preset",
+    "randomisation_of",
     "run_episode",
     "with_fidelity",
+    "with_values",
 ]

@@ -15,17 +15,21 @@ from laploop.control.messages import TipController
 from laploop.envs.learning.encoding import DEPTH_FAR_MM, DEPTH_NEAR_MM, VectorLayout, encode_depth, encode_stripes
 from laploop.envs.learning.options import LearnerOptions, applied, decision_ticks, learner_options, uses_depth
 from laploop.envs.learning.privileged import PRIVILEGED, privileged_quantities, tip_to_target
+from laploop.envs.learning.randomised_task import RandomisedTask, TaskParts
 from laploop.envs.learning.render import RENDER_MODES, EpisodeView, RenderMode, joined, viewer_of
 from laploop.envs.learning.rewards import SUCCESS, TIME, approach, shared_terms
+from laploop.envs.randomisation.files import RandomisationLike
+from laploop.envs.randomisation.randomisation import Values
 from laploop.envs.recording.recorder import Recorder
 from laploop.envs.tasks.actions import action_bound, action_size, scaled_action
-from laploop.envs.tasks.registry import default_config, make_environment, task_spec
+from laploop.envs.tasks.registry import default_config, task_spec
+from laploop.envs.tasks.reset_arguments import check_reset
 from laploop.envs.tasks.task_config import TaskConfig
 from laploop.envs.tasks.task_env import HARMS, Info, TaskEnv
 from laploop.errors import InvalidValueError, LaploopNote, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 
-_OTHER_KEYWORDS = ("config", "perception", "recorder", "controller", "render_mode")
+_OTHER_KEYWORDS = ("config", "perception", "recorder", "controller", "render_mode", "randomisation")
 _WORST_SCALARS = ("contact_force_n",)
 _WORST_BY_ARM = ("rcm_error_mm", "port_force_n", "port_friction_n")
 _OWN_SENSES: Mapping[str, int] = {"tip_position": 3, "tip_velocity": 3, "contact_force": 3}
@@ -81,7 +85,7 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     Those of `LearnerOptions`, and `config` (the task's whole configuration), `perception` (name of an estimator, or an object;
     by default `compact` where depth is used), `recorder`, `controller` (what `residual` adds to), `render_mode` (`rgb_array` or
-    `human`).
+    `human`), `randomisation` (what differs between episodes; `info["randomisation"]` of a reset says what was drawn).
 
     ## Version history
 
@@ -103,6 +107,7 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         recorder: Recorder | None = None,
         controller: TipController | None = None,
         render_mode: RenderMode | None = None,
+        randomisation: RandomisationLike = "none",
         **options: Any,
     ) -> None:
         """Make the environment; nothing is simulated or rendered before `reset`.
@@ -115,6 +120,7 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
             recorder: Receives everything that happens, every control period.
             controller: What the action `residual` adds to, in place of the task's scripted controller.
             render_mode: rgb_array, or human: a Rerun viewer.
+            randomisation: What differs from episode to episode: none, narrow, wide, the path of a TOML file, or what it holds.
             options: Fields of `LearnerOptions`.
 
         Raises:
@@ -133,14 +139,15 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Control periods a decision."""
         self.render_mode = render_mode
         self._viewer = viewer_of(render_mode)
-        self.task_env: TaskEnv[Any] = make_environment(
-            name,
-            config=whole,
+        parts = TaskParts(
+            name=name,
             perception=perception or ("compact" if uses_depth(whole) else "oracle"),
             recorder=joined(recorder, self._viewer),
             controller=controller,
         )
-        """The task itself."""
+        self._task = RandomisedTask(whole, parts, randomisation)
+        self.task_env: TaskEnv[Any] = self._task.env
+        """The task itself; of another configuration, another object."""
         self.metadata = {**self.metadata, "render_fps": 1e3 / self.options.decision_period_ms}
         self.action_scale: float = action_bound(whole)
         """What an action of 1 stands for, m/s or rad/s."""
@@ -185,12 +192,26 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
         A tissue on which the task cannot be set, such as one without room for a line, is replaced by the next one drawn.
         """
+        check_reset(seed, options, self.task_env.reset_options)
+        drawn = self._drawn(seed)
         observed, info = self._begun_task(seed, options)
         super().reset(seed=None if seed is None else int(seed))
         self._note_time_limit()
         self._newest = info
         quantities = self._privileged()
-        return self._observation(observed, quantities), self._info(info, {}, quantities)
+        return self._observation(observed, quantities), {**self._info(info, {}, quantities), "randomisation": drawn}
+
+    def set_randomisation(self, randomisation: RandomisationLike | None = None, *, width: float = 1.0) -> None:
+        """Set what the episodes from the next reset on differ in, as a curriculum does.
+
+        Args:
+            randomisation: As in `__init__`; None keeps the present one.
+            width: 0 to 1: scales the distance of the ends of all distributions from the nominal values.
+
+        Raises:
+            LaploopError: As from `__init__`.
+        """
+        self._task.randomise(randomisation, width)
 
     def step(self, action: NDArray[np.floating[Any]]) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for a decision, or until the episode ends.
@@ -239,6 +260,16 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.task_env.close()
         if self._viewer is not None:
             self._viewer.close()
+
+    def _drawn(self, seed: int | None) -> Values:
+        """Draw the episode's configuration; without a seed, from the generator that the last one has set."""
+        if self._task.is_random and seed is None:
+            seed = int(self.np_random.integers(2**63))
+        values = self._task.draw(0 if seed is None else int(seed))
+        if self.task_env is not self._task.env:
+            self._drop_view()
+            self.task_env = self._task.env
+        return values
 
     def _begun_task(self, seed: int | None, options: dict[str, Any] | None) -> tuple[dict[str, Any], Info]:
         """Reset the task, on another tissue if need be: training should not break off because of one in a hundred."""
