@@ -163,8 +163,8 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
     @property
     def max_decisions(self) -> int:
         """Most steps that an episode has; fewer by those that the first frame takes to arrive."""
-        config = self.task_env.config
-        return math.ceil(round(config.max_seconds * 1e9) / (int(config.loop.control_ns) * self.decision_ticks))
+        config: TaskConfig = self.task_env.config
+        return math.ceil(round(config.max_seconds * 1e9) / (config.loop.control_ns * self.decision_ticks))
 
     # What a task defines.
 

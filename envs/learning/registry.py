@@ -21,16 +21,16 @@ class LearnerSpec:
 
 LEARNERS: dict[str, LearnerSpec] = {
     "reach": LearnerSpec(
-        entry_point="laploop.envs.learning.reach:ReachLearnerEnv", max_episode_steps=250, reward_threshold=0.0
+        entry_point="laploop.envs.learning.reach:ReachLearnerEnv", max_episode_steps=250, reward_threshold=2.2
     ),
     "track": LearnerSpec(
-        entry_point="laploop.envs.learning.track:TrackLearnerEnv", max_episode_steps=500, reward_threshold=0.0
+        entry_point="laploop.envs.learning.track:TrackLearnerEnv", max_episode_steps=500, reward_threshold=3.0
     ),
     "palpate": LearnerSpec(
-        entry_point="laploop.envs.learning.palpate:PalpateLearnerEnv", max_episode_steps=375, reward_threshold=0.0
+        entry_point="laploop.envs.learning.palpate:PalpateLearnerEnv", max_episode_steps=375, reward_threshold=3.4
     ),
-    "scan": LearnerSpec(entry_point="laploop.envs.learning.scan:ScanLearnerEnv", max_episode_steps=750, reward_threshold=0.0),
-    "look": LearnerSpec(entry_point="laploop.envs.learning.look:LookLearnerEnv", max_episode_steps=250, reward_threshold=0.0),
+    "scan": LearnerSpec(entry_point="laploop.envs.learning.scan:ScanLearnerEnv", max_episode_steps=750, reward_threshold=3.3),
+    "look": LearnerSpec(entry_point="laploop.envs.learning.look:LookLearnerEnv", max_episode_steps=250, reward_threshold=2.5),
 }
 """By task."""
 

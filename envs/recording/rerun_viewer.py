@@ -1,5 +1,6 @@
 """Episodes as they happen, in a Rerun viewer."""
 
+import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -9,6 +10,7 @@ import rerun as rr
 from laploop.envs.loop.timing.log import TimingLog
 from laploop.envs.recording.recorder import DepthRecord, FrameRecord, Recorder, TickRecord
 from laploop.envs.recording.rerun_recorder import RerunRecorder
+from laploop.errors import OutputError
 from laploop.perception.geometry import Rig
 
 if TYPE_CHECKING:
@@ -19,11 +21,18 @@ class _StreamedRecorder(RerunRecorder):
     """Sends what it records to a viewer on this machine as well."""
 
     def _open(self, blueprint: Any) -> None:
+        # The program that came with the package may not be on the path.
+        program = Path(sys.executable).with_name("rerun")
+        try:
+            # Does nothing where a viewer is open.
+            rr.spawn(connect=False, recording=self._stream, executable_path=str(program) if program.is_file() else None)
+        except RuntimeError as error:
+            raise OutputError(f"cannot open a Rerun viewer: {error}") from error
         self._stream.set_sinks(rr.GrpcSink(), rr.FileSink(self._partial), default_blueprint=blueprint)
 
 
 class RerunViewer(Recorder):
-    """Shows one episode after the other, each as a recording of its own; opens a viewer with the first, if none is open."""
+    """Shows one episode after the other, each as a recording of its own; opens a viewer if none is open."""
 
     def __init__(self) -> None:
         self._folder: TemporaryDirectory[str] | None = None
@@ -32,7 +41,6 @@ class RerunViewer(Recorder):
     def begin(self, theatre: "Theatre", rig: Rig) -> None:
         """Show the scene of a new episode."""
         if self._folder is None:
-            rr.spawn(connect=False)
             self._folder = TemporaryDirectory(prefix="laploop-")
         if self._episode is not None:
             self._episode.close()

@@ -23,7 +23,7 @@ from laploop.whole_file import whole_file
 PolicyName = Literal["zero", "random", "scripted"]
 SEEDS = 3
 """Episodes of each policy."""
-CONDITIONS = {"perception": "oracle", "fidelity": "fast"}
+CONDITIONS: dict[str, Any] = {"perception": "oracle", "fidelity": "fast"}
 """Keywords of the environments; all else is as it is by default."""
 
 

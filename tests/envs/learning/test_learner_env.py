@@ -1,4 +1,5 @@
 import warnings
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -250,3 +251,19 @@ def test_a_reset_that_never_succeeds_gives_up(learner, monkeypatch):
     monkeypatch.setattr(ReachEnv, "choose_target", refuse)
     with pytest.raises(SimulationError, match="no pixel qualifies"):
         learner().reset(seed=3)
+
+
+@pytest.mark.parametrize("task", ["reach", "track", "palpate", "scan", "look"])
+def test_the_pages_name_every_entry_and_every_term(learner, task):
+    docs = Path(__file__).parents[3] / "docs"
+    common, page = (docs / "environments.md").read_text(), (docs / "tasks" / f"{task}.md").read_text()
+    env = learner(task, observation="depth+state")
+    env.reset(seed=5)
+    *_, info = env.step(STILL)
+    for name in (*env.layout.slices, "depth_near_mm", "depth_far_mm", "is_success", "privileged"):
+        assert name in common, name
+    for entry in env.layout.entries:
+        assert f"| `{entry.name}` | {entry.size} |" in common
+    for term in info["reward_terms"]:
+        assert f"`{term}`" in page or f"| `{term}` |" in common, term
+        assert f"`{term}`" in type(env).__doc__
