@@ -44,14 +44,14 @@ def main(arguments: Sequence[str]) -> int:
 
     found = open_demonstrations(chosen.dataset)
     outcome = found.episode(checked_index(chosen.episode, found.count)).outcome
-    with ExitStack() as stack:
-        folder = None if chosen.out is None else stack.enter_context(OutputFolder(chosen.out, "replay"))
-        recorder = None
-        if folder is not None:
-            from laploop.envs.recording.rerun_recorder import RerunRecorder
+    with ExitStack() as outer:
+        folder = None if chosen.out is None else outer.enter_context(OutputFolder(chosen.out, "replay"))
+        with ExitStack() as inner, progress_bar("decisions", outcome["decisions"]) as advance_to:
+            recorder = None
+            if folder is not None:
+                from laploop.envs.recording.rerun_recorder import RerunRecorder
 
-            recorder = stack.enter_context(RerunRecorder(stack.enter_context(folder.own_artefact("recording.rrd"))))
-        with progress_bar("decisions", outcome["decisions"]) as advance_to:
+                recorder = inner.enter_context(RerunRecorder(inner.enter_context(folder.own_artefact("recording.rrd"))))
             result = replay(
                 found,
                 chosen.episode,
@@ -60,8 +60,6 @@ def main(arguments: Sequence[str]) -> int:
                 trust=chosen.trust,
                 progress=advance_to,
             )
-        if recorder is not None:
-            recorder.close()
         if folder is not None:
             results = {"frames": result.frames, "differing_frames": result.differing_frames, "differences": result.differences}
             folder.write_summary({"task": found.card.task, **results}, config=chosen, seed=outcome["seed"])

@@ -66,7 +66,7 @@ class EpisodeFolder:
     def _opened(self, seed: int) -> Iterator[Any]:
         path = self._file(seed)
         try:
-            with np.load(path, allow_pickle=False) as found:
+            with path.open("rb") as stream, np.load(stream, allow_pickle=False) as found:
                 yield found
         except (ValueError, KeyError, OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise InvalidValueError("kept episode", str(path), "as this command wrote it; remove the file") from error
