@@ -43,10 +43,10 @@ class EpisodeFolder:
     def save(self, demonstration: Demonstration) -> None:
         """Write an episode, whole or not at all."""
         header = {"key": self._key, "outcome": demonstration.outcome}
-        arrays = {name: getattr(demonstration, name) for name in _ARRAYS}
-        observed = {f"{_OBSERVED}{name}": array for name, array in demonstration.observations.items()}
+        content: dict[str, Any] = {name: getattr(demonstration, name) for name in _ARRAYS}
+        content |= {f"{_OBSERVED}{name}": array for name, array in demonstration.observations.items()}
         with whole_file(self._file(demonstration.outcome["seed"])) as path, path.open("wb") as stream:
-            np.savez_compressed(stream, header=json.dumps(header), **arrays, **observed)
+            np.savez_compressed(stream, header=json.dumps(header), **content)
 
     def load(self, seed: int) -> Demonstration:
         """Return the episode of a seed that has an outcome.

@@ -66,8 +66,8 @@ def _buffers(
         outcomes.append(one.outcome)
         yield EpisodeBuffer(
             seed=one.outcome["seed"],
-            observations=one.observations if isinstance(space, spaces.Dict) else one.observations[VECTOR],  # type: ignore[arg-type]
-            actions=one.actions,  # type: ignore[arg-type]
+            observations=one.observations if isinstance(space, spaces.Dict) else one.observations[VECTOR],
+            actions=one.actions,
             rewards=one.rewards.tolist(),
             terminations=one.terminations.tolist(),
             truncations=one.truncations.tolist(),

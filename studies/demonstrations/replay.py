@@ -64,7 +64,7 @@ def replay(
         InvalidValueError: If there is no such episode, or the data set names code without `trust`.
     """
     card = demonstrations.card
-    perception = card.keywords.get("perception", "")
+    perception = str(card.keywords.get("perception", ""))
     if not trust and ":" in perception:
         raise InvalidValueError("perception of the data set", perception, "no module:Class from a data set without --trust")
     episode = demonstrations.episode(index)

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from laploop.envs.recording.recorder import NullRecorder
 from laploop.envs.tasks.registry import TASKS
 from laploop.errors import DatasetError, InvalidValueError
 from laploop.studies.demonstrations.card import Card
@@ -75,6 +76,20 @@ def test_what_differs_is_told_with_frame_key_and_size(short, reach):
     longer = np.concatenate([demonstration.actions, demonstration.actions[:2]])
     found = replay(InMemory(config, demonstration, actions=longer), 0).differences
     assert [(one.frame, one.what) for one in found] == [(10, "end")]
+
+
+def test_an_episode_can_be_watched(short, reach, monkeypatch):
+    shown = []
+
+    class Viewer(NullRecorder):
+        def tick(self, record):
+            shown.append(record.now_ns)
+
+    monkeypatch.setattr("laploop.envs.learning.render.RerunViewer", Viewer)
+    config = reach()
+    assert replay(InMemory(config, demonstrate(config, 2)), 0, render_mode="human").differences == ()
+    # The demonstration itself is not shown, the replay is: a tick every 8 ms.
+    assert shown == list(range(48_000_000, 400_000_001, 8_000_000))
 
 
 def test_a_data_set_that_does_not_fit_its_environment_is_refused(short, reach):
