@@ -21,8 +21,8 @@ Seconds = Annotated[float, Field(gt=0.0, le=60.0)]
 class Perturbation:
     """What leads the expert off its path, so that the data show how it finds back.
 
-    Each episode draws how much of it there is, from none on. The sizes are our choice: a push moves a tip by about 10 mm, and
-    most episodes still succeed.
+    Each episode draws how much of it there is, from none on. The sizes are our choice: a push moves the instrument by about
+    10 mm.
     """
 
     noise: Annotated[float, Field(ge=0.0, le=1.0)] = 0.1
