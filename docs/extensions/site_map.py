@@ -19,6 +19,7 @@ CONTENTS: dict[str, dict[str, tuple[str, ...]]] = {
             "environments",
             "wrappers",
             "vector",
+            "learning",
             "reference/tasks",
             "reference/commands",
             "reference/configuration",
