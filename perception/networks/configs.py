@@ -70,7 +70,7 @@ class CompactConfig(SizedNetworkConfig):
     form: ClassVar[str] = "laploop-compact-3"
     windows: Windows = ((0.6, 2.0), (0.35, 1.0))
     """Demodulation windows: standard deviation along x in periods and along y in pixels. The first gives the phase."""
-    widths: tuple[Channels, ...] = (16, 48, 64, 96, 128)
+    widths: tuple[Channels, ...] = (16, 48, 96, 128, 160)
     """Channels of each level, from half the image's size down by powers of two. The first costs most of the time."""
 
     def __post_init__(self) -> None:
