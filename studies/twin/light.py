@@ -59,8 +59,8 @@ class Light:
 def lights() -> tuple[Light, ...]:
     """Return the lights: first the nominal one, then what the path tracer adds to it, one by one.
 
-    The dipole has mu_s' 1 and mu_a 0.2 per millimetre, as of tissue rich in blood. Stray light that is confined to where the beam
-    shines has the power that the nominal optics give to glare and cavity together.
+    The dipole has mu_s' 1 and mu_a 0.2 per millimetre, as of tissue rich in blood. Stray light that is confined to where the
+    beam shines has the power that the nominal optics give to glare and cavity together.
     """
     optics = twin_optics()
     dipole = Subsurface(profile="dipole", reduced_scattering_per_m=1000.0, absorption_per_m=200.0)
@@ -83,8 +83,8 @@ def measure_light(config: LightConfig, progress: Callable[[float], None] | None 
         progress: Called with the number of images done.
 
     Returns:
-        A row for each estimator and light: `mae_mm` over the lit pixels of all organs in the working range, and `ratio`, that to
-        the error on the stripe camera's own images, which the row with the light `stripe camera` has.
+        A row for each estimator and light: `mae_mm` over the lit pixels of all organs in the working range, and `ratio`, that
+        to the error on the stripe camera's own images, which the row with the light `stripe camera` has.
 
     Raises:
         InvalidValueError: If Mitsuba or scikit-image is not installed.

@@ -10,6 +10,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.special import erf
 
@@ -93,10 +94,11 @@ def render_twin(
     tissue = object_id == ObjectId.TISSUE
     if optics.tissue.subsurface.profile != "none" and tissue.any():
         normals, position = view.normals[part].astype(np.float64), depth[..., None] * rays
-        irradiance = sum(
+        parts = [
             weight * _spread(irradiance, tissue, position, normals, rays, sigma, rig)
             for weight, sigma in optics.tissue.subsurface.gaussians
-        )
+        ]
+        irradiance = np.sum(parts, axis=0)
     cosine = 1.0 / np.linalg.norm(rays, axis=-1)
     electrons = albedo / math.pi * irradiance * cosine**optics.vignetting_exponent * optics.electrons_per_radiance
     blurred: Array = gaussian_filter(electrons, optics.lens_blur_px, mode="reflect")
@@ -233,7 +235,7 @@ def _albedo_factors(mi: Any, geometry: SceneGeometry, sensor: Any) -> Array | fl
     return factors
 
 
-def _vertex_albedo(geometry: SceneGeometry, materials: Array) -> Array:
+def _vertex_albedo(geometry: SceneGeometry, materials: NDArray[np.float32]) -> Array:
     """Return the albedo at each vertex; no triangles of two kinds share one."""
     albedo = np.zeros(len(geometry.points))
     albedo[geometry.triangles.ravel()] = np.repeat(materials[geometry.object_ids, 0], 3)
