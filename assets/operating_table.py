@@ -18,6 +18,8 @@ STAGE_PLATE_THICKNESS_M = 0.008
 
 _RING_SEGMENTS = 16
 _DISPLAY = {"group": ARM_GROUP, "contype": 0, "conaffinity": 0}
+ABDOMINAL_WALL = "abdominal_wall"
+"""Name of the geom that draws the wall."""
 _SKIN = [0.87, 0.72, 0.62, 0.35]
 
 
@@ -51,7 +53,7 @@ def build_operating_table(
         rgba=[0.55, 0.58, 0.6, 1.0],
     )
     world.add_geom(
-        name="abdominal_wall",
+        name=ABDOMINAL_WALL,
         type=mujoco.mjtGeom.mjGEOM_BOX,
         pos=[0.06, 0.0, wall_height_m],
         size=[0.20, 0.18, 0.001],

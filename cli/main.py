@@ -37,6 +37,10 @@ EXIT_BAD_INPUT = 2
 
 
 COMMANDS = {
+    "demo": "touch a point on breathing tissue; a first look, anywhere",
+    "doctor": "check this machine: versions, caches, display, extras, speed",
+    "view": "open a recording in the viewer, or in the browser",
+    "completion": "print the completion of commands and options for a shell",
     "speed": "time a depth model alone, frame after frame",
     "export": "write a depth network as ONNX",
     "config": "write the configuration of an episode as a file",
@@ -45,6 +49,8 @@ COMMANDS = {
     "trials": "run many episodes, one a seed; success rate and error table",
     "study": "sweep conditions with the same seeds; latency, delays, error budget",
     "tasks": "run every task over many seeds; which meets its targets",
+    "demonstrate": "make a data set of demonstrations, for Minari or LeRobot",
+    "replay": "repeat an episode of such a data set; what differs",
     "bench": "measure every stage of the loop on this machine",
     "fidelity": "measure what the cheaper simulation changes",
     "collect": "collect stripe frames paired with a reference camera's depth",
@@ -176,6 +182,6 @@ commands:
 {commands}
 
 `laploop <command> --help` lists a command's options; `laploop --version` shows the version.
-Every command writes its artefacts into DIR and, last, DIR/summary.json.
+Commands with --out write their artefacts into DIR and, last, DIR/summary.json. `laploop completion SHELL` completes them all.
 Exit status: 0 done, 1 could not do it, 2 bad input, 130 interrupted, 143 terminated.
 """

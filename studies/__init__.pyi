@@ -5,6 +5,13 @@ from .calibration.run import BenchCalibration as BenchCalibration
 from .calibration.run import calibrate_bench as calibrate_bench
 from .characterization.config import CharacterizationConfig as CharacterizationConfig
 from .characterization.run import characterise as characterise
+from .demonstrations.collection import CollectionConfig as CollectionConfig
+from .demonstrations.config import DemonstrationConfig as DemonstrationConfig
+from .demonstrations.config import Perturbation as Perturbation
+from .demonstrations.dataset import make_dataset as make_dataset
+from .demonstrations.demonstration import Demonstration as Demonstration
+from .demonstrations.recorded import open_demonstrations as open_demonstrations
+from .demonstrations.replay import replay as replay
 from .depth.config import DepthEvaluation as DepthEvaluation
 from .depth.config import RobustnessConfig as RobustnessConfig
 from .depth.evaluation import evaluate_depth as evaluate_depth
@@ -17,9 +24,9 @@ from .episodes.task_table import TaskTableConfig as TaskTableConfig
 from .episodes.task_table import run_task_table as run_task_table
 from .episodes.trials import TrialsConfig as TrialsConfig
 from .episodes.trials import run_trials as run_trials
-from .fidelity.run import FidelityConfig as FidelityConfig
+from .fidelity.config import FidelityConfig as FidelityConfig
 from .fidelity.run import measure_fidelity as measure_fidelity
-from .sweeps.run import Engine as Engine
+from .sweeps.engine import Engine as Engine
 from .sweeps.run import run_sweep as run_sweep
 from .sweeps.sweep import Condition as Condition
 from .sweeps.sweep import Sweep as Sweep
@@ -40,10 +47,14 @@ __all__ = [
     "Campaign",
     "CharacterizationConfig",
     "Check",
+    "CollectionConfig",
     "Condition",
+    "Demonstration",
+    "DemonstrationConfig",
     "DepthEvaluation",
     "Engine",
     "FidelityConfig",
+    "Perturbation",
     "RobustnessConfig",
     "SpeedConfig",
     "Sweep",
@@ -54,12 +65,15 @@ __all__ = [
     "characterise",
     "collect_pairs",
     "evaluate_depth",
+    "make_dataset",
     "measure_fidelity",
     "measure_jitter",
     "measure_robustness",
     "measure_speed",
+    "open_demonstrations",
     "read_sweep",
     "render_training_frames",
+    "replay",
     "run_bench",
     "run_sweep",
     "run_task_table",

@@ -170,12 +170,12 @@ def test_it_takes_part_from_the_command_line_and_from_a_file(stranger, tmp_path,
 
 
 def test_its_task_has_an_id_and_a_campaign(stranger, tmp_path):
-    code = "import laploop, gymnasium; print(gymnasium.spec('laploop/Poke-v0').kwargs)"
+    code = "import laploop, gymnasium; print(*(gymnasium.spec(f'laploop/Poke-v{version}').kwargs for version in (0, 1)))"
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(stranger), *filter(None, sys.path)])}
     shown = subprocess.run(  # noqa: S603
         [sys.executable, "-P", "-c", code], capture_output=True, text=True, check=True, env=environment
     ).stdout
-    assert shown.strip() == "{'task': 'poke'}"
+    assert shown.strip() == "{'task': 'poke'} {'task': 'poke'}"
     assert environment_id("poke") == "laploop/Poke-v0"
     made = make_environment("poke", perception="oracle")
     assert made.unwrapped.task == "poke"

@@ -68,6 +68,10 @@ class ArmModel:
         self._upper = read_only(self._model.upperPositionLimit)
         self._speed = read_only(self._model.velocityLimit)
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Copy and pickle by what it was made of: Pinocchio's own data does neither."""
+        return type(self), (self._world_from_base, self._shaft)
+
     @property
     def model(self) -> pin.Model:
         """The Pinocchio model; treat it as read-only."""

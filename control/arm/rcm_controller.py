@@ -47,7 +47,7 @@ class RcmStatus(StrEnum):
 class RcmController:
     """Differential inverse kinematics of one arm under its trocar.
 
-    Each step solves with Pink
+    Each step solves with Pink::
 
         minimise   |J dq - (x_ref - x)|^2 w_tip + |dq - g (q_0 - q)|^2 w_posture
         subject to the trocar's two rows, the limits of position, speed, acceleration and insertion, and, where they come
@@ -86,17 +86,13 @@ class RcmController:
         """
         self._arm = arm
         self._config = config = config or RcmControllerConfig()
-        # Pink hangs attributes on the model that it is given, so it gets one of its own. The limits it would add by default
-        # refer back to the model, a cycle that is never collected.
-        model = arm.model.copy()
-        model.configuration_limit = model.velocity_limit = None
-        self._configuration = Configuration(model, model.createData(), np.zeros(model.nq), copy_data=False)
+        self._configuration = _configuration(arm, np.zeros(arm.dof))
         self._trocar_task = RcmTask(trocar_in_world, feedback=config.rcm_feedback)
         self._tip_task = FrameTask(SHAFT_TIP, position_cost=config.tip_cost_per_m, orientation_cost=0.0)
         self._held_back_task = TipPositionTask(config.tip_cost_per_m)
         self._posture_task = PostureTask(cost=config.posture_cost_per_rad, gain=config.posture_gain)
         speed = np.minimum(arm.max_joint_speed, config.max_joint_speed_radps)
-        acceleration = np.full(model.nv, config.max_joint_acceleration_radps2)
+        acceleration = np.full(arm.dof, config.max_joint_acceleration_radps2)
         self._joint_limit = JointBoxLimit(arm.lower_position, arm.upper_position, speed, acceleration)
         self._braking_limit = JointBoxLimit(arm.lower_position, arm.upper_position, speed)
         length = arm.shaft.length_m
@@ -120,12 +116,19 @@ class RcmController:
         self._barriers = _all_of(Barrier, "barriers", barriers)
         constraints = _all_of(Task, "constraints", constraints)
         self._constraints = [self._trocar_task, *constraints]
-        self._qdot = np.zeros(model.nv)
+        self._qdot = np.zeros(arm.dof)
         self._tip_velocity = np.zeros(3)
         self._tip_reference = np.zeros(3)
         self._started = False
         self._status = RcmStatus.TRACKING
         self._reason = ""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what copies and pickles: Pink's configuration is its joint angles, (6,)."""
+        return vars(self) | {"_configuration": self.q}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, _configuration=_configuration(state["_arm"], state["_configuration"]))
 
     @property
     def configuration(self) -> Configuration:
@@ -303,6 +306,15 @@ class RcmController:
         change = wanted - before
         size = float(np.linalg.norm(change))
         return before + change * min(1.0, self._config.max_tip_acceleration_mps2 * dt / max(size, 1e-12))
+
+
+def _configuration(arm: ArmModel, q: Array) -> Configuration:
+    """Return Pink's configuration of an arm at joint angles q, (6,)."""
+    # Pink hangs attributes on the model that it is given, so it gets one of its own. The limits it would add by default
+    # refer back to the model, a cycle that is never collected.
+    model = arm.model.copy()
+    model.configuration_limit = model.velocity_limit = None
+    return Configuration(model, model.createData(), q, copy_data=False)
 
 
 def _all_of(kind: type[Any], name: str, given: Iterable[T]) -> list[T]:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -100,20 +100,36 @@ class RhythmSearch:
         """Take the window, which others fill."""
         self._config = config
         self._window = window
+        self._slices: Iterator[Hypothesis | None]
+        self._signal: tuple[int, Array, Array] | None
         self.reset()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what copies and pickles: a search under way is its signal and the number of slices done."""
+        return {name: value for name, value in vars(self).items() if name != "_slices"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._slices = iter(()) if self._signal is None else self._search(*self._signal)
+        for _ in range(self._done):
+            next(self._slices)
 
     def reset(self) -> None:
         """Give up what was begun."""
-        self._slices: Iterator[Hypothesis | None] = iter(())
+        self._slices = iter(())
+        self._signal = None
+        self._done = 0
 
     def step(self) -> Hypothesis | None:
         """Do one slice; return what was found if that was the last one."""
         if self._window.covered_s < self._config.min_span_s:
             return None
+        self._done += 1
         try:
             return next(self._slices)
         except StopIteration:
-            self._slices = self._search(*self._window.snapshot())
+            self._signal, self._done = self._window.snapshot(), 1
+            self._slices = self._search(*self._signal)
             return next(self._slices)
 
     def _search(self, time_ns: int, seconds: Array, values: Array) -> Iterator[Hypothesis | None]:

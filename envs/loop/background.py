@@ -3,7 +3,8 @@
 import threading
 import time
 from collections.abc import Callable
-from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, wait
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 from laploop.envs.loop.stage_timer import StageTimer
@@ -20,20 +21,50 @@ class BackgroundWorker:
 
     def __init__(self, stage: str, timer: StageTimer) -> None:
         self._stage = stage
-        self._timer = timer
-        self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=stage)
-        self._abandoned = False
+        self.timer = timer
+        self.abandoned = False
+        self._begun: Future[Any] | None
+        self._start_executor()
 
     def later(self, work: Callable[[], ResultT], *, after: "Pending[Any] | None" = None) -> "Pending[ResultT]":
         """Return the result of `work`, which is begun when it is asked for, or earlier by `Pending.begin`.
 
         What it needs from another worker comes first; waiting for that is not this stage's time.
         """
-        return Pending(self._executor, lambda: self._timed(work, after), self._timer)
+        return Pending(self, partial(self._timed, work, after))
+
+    def submit(self, work: Callable[[], ResultT]) -> "Future[ResultT]":
+        """Begin work that `later` has prepared.
+
+        Raises:
+            SimulationError: If the worker is closed.
+        """
+        try:
+            future = self._executor.submit(work)
+        except RuntimeError:
+            raise _over() from None
+        self._begun = future
+        return future
+
+    def settle(self) -> None:
+        """Wait for all that has been begun."""
+        if self._begun is not None:
+            # One thread, so that the newest job is the last.
+            wait([self._begun])
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what copies and pickles: a copy has a thread of its own, from its first job on."""
+        return {name: value for name, value in vars(self).items() if name not in {"_executor", "_begun"}}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        self._start_executor()
+        if self.abandoned:
+            self.abandon()
 
     def abandon(self) -> None:
         """Forget all jobs but one that is under way; does not wait for it."""
-        self._abandoned = True
+        self.abandoned = True
         self._executor.shutdown(wait=False, cancel_futures=True)
 
     def close(self) -> None:
@@ -41,26 +72,54 @@ class BackgroundWorker:
         self.abandon()
         self._executor.shutdown(wait=True)
 
+    def _start_executor(self) -> None:
+        self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=self._stage)
+        self._begun = None
+
     def _timed(self, work: Callable[[], ResultT], after: "Pending[Any] | None") -> ResultT:
         if after is not None:
             after.result()
-        if self._abandoned:
+        if self.abandoned:
             raise _over()
         begin = time.perf_counter()
         result = work()
-        self._timer.add(self._stage, time.perf_counter() - begin)
+        self.timer.add(self._stage, time.perf_counter() - begin)
         return result
 
 
 class Pending(Generic[ResultT]):
-    """A result that is there as soon as somebody needs it; any thread may ask."""
+    """A result that is there as soon as somebody needs it; any thread may ask.
 
-    def __init__(self, executor: Executor, work: Callable[[], ResultT], timer: StageTimer) -> None:
-        self._executor = executor
+    A copy, or a pickle, of one that has been begun waits for its result and holds that; another holds the work, which no thread
+    may begin meanwhile: `BackgroundWorker.settle` sees to that.
+    """
+
+    def __init__(self, worker: BackgroundWorker, work: Callable[[], ResultT]) -> None:
+        self._worker = worker
         self._work: Callable[[], ResultT] | None = work
-        self._timer = timer
         self._future: Future[ResultT] | None = None
         self._lock = threading.Lock()
+
+    def __getstate__(self) -> dict[str, Any]:
+        result, error = None, None
+        if self._future is not None:
+            try:
+                error = self._future.exception()
+            except CancelledError:
+                error = _over()
+            result = self._future.result() if error is None else None
+        work = None if self._worker.abandoned else self._work
+        return {"worker": self._worker, "work": work, "begun": self.begun, "result": result, "error": error}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._worker, self._work = state["worker"], state["work"]
+        self._lock = threading.Lock()
+        self._future = Future() if state["begun"] else None
+        if self._future is not None:
+            if state["error"] is None:
+                self._future.set_result(state["result"])
+            else:
+                self._future.set_exception(state["error"])
 
     @property
     def begun(self) -> bool:
@@ -78,10 +137,7 @@ class Pending(Generic[ResultT]):
                 if self._work is None:
                     raise _over()
                 work, self._work = self._work, None
-                try:
-                    self._future = self._executor.submit(work)
-                except RuntimeError:
-                    raise _over() from None
+                self._future = self._worker.submit(work)
             return self._future
 
     def result(self) -> ResultT:
@@ -97,7 +153,7 @@ class Pending(Generic[ResultT]):
 
     def wait(self) -> ResultT:
         """Return the result to the main thread, whose waiting is measured; errors as for `result`."""
-        with self._timer.measure(WAIT):
+        with self._worker.timer.measure(WAIT):
             return self.result()
 
 

@@ -15,16 +15,17 @@ from laploop.envs.loop.frame_renderer import FrameRenderer
 from laploop.envs.loop.kinematic_errors import KinematicErrors
 from laploop.envs.loop.limit_monitor import LimitMonitor
 from laploop.envs.loop.miscalibrated_arm import MiscalibratedArm, MiscalibratedScope, MiscalibratedTool
+from laploop.envs.loop.observed_theatre import ObservedTheatre
 from laploop.envs.loop.perception_server import PerceptionServer, ServedFrame
 from laploop.envs.loop.proprioception import Proprioception, ProprioceptiveReading
+from laploop.envs.loop.savable_loop import SavableLoop
 from laploop.envs.loop.stage_timer import StageTimer
 from laploop.envs.loop.timing.command_path import CommandPath, JointTarget
 from laploop.envs.loop.timing.config import TimingSamples
 from laploop.envs.loop.timing.frame_transfer import FrameTransfer
 from laploop.envs.loop.timing.log import TimingLog
 from laploop.envs.recording.recorder import ARM_NAMES, FrameRecord, NullRecorder, Recorder
-from laploop.envs.sensors.stripe_camera import StripeCamera
-from laploop.envs.theatre.theatre import Theatre
+from laploop.envs.theatre.physics_call import PhysicsRun, run_alone
 from laploop.errors import SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
@@ -33,7 +34,7 @@ MAX_WAIT_NS = 10_000_000_000
 """How long a reset waits for the first depth frame."""
 
 
-class ClosedLoop:
+class ClosedLoop(SavableLoop):
     """A theatre with its sensor, its perception stage and its arm controllers, under one clock.
 
     In every physics step the order is: physics, proprioception, capture if a camera period begins, arrival of depth frames. In
@@ -73,12 +74,16 @@ class ClosedLoop:
         self.max_force_n = self.mean_force_n = 0.0
         self._images_ahead = images or self.recorder.takes_frames or self.recorder.takes_depth
         self._depth_ahead = depth or self.recorder.takes_depth
-        self._camera: StripeCamera | None = None
+        self.observed = ObservedTheatre(config, self.rig, images=self._images_ahead, depth=self._depth_ahead)
         self._renderer: FrameRenderer | None = None
         self._server: PerceptionServer | None = None
+        self._lasting = frozenset(vars(self)) - {"max_force_n", "mean_force_n", "_renderer", "_server"}
+        self.timing = config.timing  # Of the next episode; `DelayRandomization` puts another one here.
 
-    def reset(self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None) -> None:
-        """Build the theatre and run it, arms held, until the first depth frame has arrived.
+    def resetting(
+        self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None
+    ) -> PhysicsRun[None]:
+        """Build the theatre and run it, arms held, until the first depth frame has arrived; stops where MuJoCo computes.
 
         Args:
             rng: Source of noise, of latencies, of the tissue's texture, and of the proprioceptive channels' corruption.
@@ -94,7 +99,7 @@ class ClosedLoop:
                 worker.abandon()
         noise_rng, service_rng, corruption_rng, texture_rng, tool_rng, scope_rng, timing_rng = rng.spawn(7)
         self.timer = StageTimer()
-        self.theatre = Theatre(self.config.theatre, self.config, seed=theatre_seed)
+        self.theatre = self.observed.build(theatre_seed)
         self._end_episode()
         errors = self.config.kinematic_errors
         exact = errors == KinematicErrors()
@@ -104,13 +109,12 @@ class ClosedLoop:
         self._scope_controller = self._controller(self.scope) if self._moves_scope else None
         self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
-        self._renderer = FrameRenderer(self._attached_camera(texture_rng), noise_rng, self.timer)
-        timing = self.config.timing
-        samples = TimingSamples.draw(timing, service_rng, timing_rng)
-        self.timing_log = TimingLog()
-        self._transfer = FrameTransfer(timing, samples, self.timing_log)
-        self._server = PerceptionServer(self.estimator, timing, samples, self.timing_log, self.timer, ahead=self._depth_ahead)
-        self._commands = CommandPath(samples, self.config, self.timing_log)
+        self._renderer = FrameRenderer(self.observed.look(texture_rng), noise_rng, self.timer)
+        samples = TimingSamples.draw(self.timing, service_rng, timing_rng)
+        log = self.timing_log = TimingLog()
+        self._transfer = FrameTransfer(self.timing, samples, log)
+        self._server = PerceptionServer(self.estimator, self.timing, samples, log, self.timer, ahead=self._depth_ahead)
+        self._commands = CommandPath(samples, self.config, log)
         self._proprioception = Proprioception(self.tool, self.config.proprioception, self.config)
         self._proprioception.reset(np.random.RandomState(corruption_rng.integers(2**32)))
         self.frame_count = 0
@@ -122,6 +126,7 @@ class ClosedLoop:
         self.newest_served: ServedFrame | None = None
         self.recorder.begin(self.theatre, self.rig)
         self._capture_if_due()
+        self._hand_over()  # perception begins while the target is chosen
         if at_first_frame is not None:
             at_first_frame()
         self._mark(self.newest_captured)
@@ -129,7 +134,7 @@ class ClosedLoop:
         while self.newest_served is None:
             if self.now_ns > MAX_WAIT_NS:
                 raise SimulationError(f"no depth frame arrived within {MAX_WAIT_NS * 1e-9:.0f} s of simulated time")
-            self.advance(np.zeros(3))
+            yield from self.advancing(np.zeros(3))
 
     def advance(self, tip_velocity_in_camera: Array, scope_velocity_in_camera: Array | None = None) -> list[ServedFrame]:
         """Run one control period.
@@ -141,6 +146,12 @@ class ClosedLoop:
         Returns:
             The depth frames that arrived, oldest first.
         """
+        return run_alone(self.advancing(tip_velocity_in_camera, scope_velocity_in_camera))
+
+    def advancing(
+        self, tip_velocity_in_camera: Array, scope_velocity_in_camera: Array | None = None
+    ) -> PhysicsRun[list[ServedFrame]]:
+        """As `advance`, stopping where MuJoCo computes."""
         if self.newest_served is not None:
             self.timing_log.use(self.newest_served.captured.times, self.now_ns)
         control_s = self.config.control_s
@@ -165,7 +176,7 @@ class ClosedLoop:
         for _ in range(self.config.physics_steps_per_control):
             self._commands.deliver(self.now_ns)
             with self.timer.measure("physics"):
-                self.theatre.step()
+                yield from self.theatre.stepping()
             self.timer.complete("physics")
             self._proprioception.after_physics_step()
             self._capture_if_due()
@@ -250,37 +261,28 @@ class ClosedLoop:
         world_from_camera = self.scope.world_from_camera()
         camera_from_world = invert_transform(world_from_camera)
         reading = self.reading()
+        tip, velocity, force = reading.seen_from(camera_from_world)
         newest = self.newest_served if with_depth else None
         return ControlInput(
             now_ns=self.now_ns,
             depth=newest.depth if newest else None,
             target_pixel=target_pixel,
-            tip_in_camera=transform_points(camera_from_world, reading.tip_in_world),
-            tip_velocity_in_camera=camera_from_world[:3, :3] @ reading.tip_velocity_in_world,
+            tip_in_camera=tip,
+            tip_velocity_in_camera=velocity,
             trocar_in_camera=transform_points(camera_from_world, self.tool.trocar_in_world),
             contact_force_n=float(np.linalg.norm(reading.contact_force_in_world)),
-            contact_force_in_camera=camera_from_world[:3, :3] @ reading.contact_force_in_world,
+            contact_force_in_camera=force,
             shaft_axis_in_camera=camera_from_world[:3, :3] @ self.tool.shaft_axis_in_world(),
             scope_trocar_in_camera=transform_points(camera_from_world, self.scope.trocar_in_world),
             world_from_camera=world_from_camera,
-            lead_ns=self.config.theatre.actuation.lead_ns + self.config.timing.command_ns,
+            lead_ns=self.config.theatre.actuation.lead_ns + self.timing.command_ns,
             marker_pixel=self.marker_pixel() if with_depth else None,
         )
 
     def close(self) -> None:
         """End the running episode, if any, and all threads."""
         self._end_episode()
-        if self._camera is not None:
-            self._camera.close()
-            self._camera = None
-
-    def _end_episode(self) -> None:
-        if self._server is not None:
-            self._server.close()
-            self._server = None
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None
+        self.observed.close()
 
     def _take_extremes(self) -> None:
         """Find the worst of the newest control period's physics steps."""
@@ -295,20 +297,6 @@ class ClosedLoop:
         if self._server is None:
             raise SimulationError("no episode is running; call reset() first")
         return self._server
-
-    def _attached_camera(self, texture_rng: np.random.Generator) -> StripeCamera:
-        """Return the camera, made in the first episode, as it is at the begin of one and with the theatre before it."""
-        optics, theatre = self.config.optics, self.theatre
-        if self._camera is None:
-            # While physics goes on, it has work for the other cores; whoever looks at the image of the moment waits for it.
-            threads = None if self._images_ahead else 1
-            self._camera = StripeCamera(self.rig, optics, device=self.config.device, threads=threads)
-        elif self._camera.optics != optics:
-            # Exposure control has changed it.
-            self._camera.set_optics(optics)
-        appearance = theatre.config.tissue.appearance
-        self._camera.attach(theatre.model, tissue=theatre.tissue, rng=texture_rng, appearance=appearance)
-        return self._camera
 
     def _controller(self, arm: MiscalibratedArm) -> RcmController:
         controller = RcmController(arm.model, arm.trocar_in_world, self.config.rcm)
@@ -341,9 +329,10 @@ class ClosedLoop:
                 world_from_camera=self.scope.world_from_camera(),
                 true_pose=true_pose,
                 view=self._renderer.take(self.theatre.data, true_pose),
-                time_stamp_offset_ns=self.config.timing.time_stamp_offset_ns,
+                time_stamp_offset_ns=self.timing.time_stamp_offset_ns,
             )
-            if self._images_ahead:
+            # The first frame is always looked at; where its image will be needed, too, that comes at the same price.
+            if self._images_ahead or (self.first_captured is None and self._running_server().begins_images):
                 captured.view.whole.begin()
         self.timer.complete("capture")
         self.frame_count += 1
@@ -362,11 +351,16 @@ class ClosedLoop:
                     FrameRecord(now_ns=now_ns, frame=frame, exact_depth_mm=truth.depth_mm, object_id=truth.object_id)
                 )
 
-    def _deliver(self) -> list[ServedFrame]:
-        server, now_ns = self._running_server(), self.now_ns
-        for captured in self._transfer.arrived(now_ns):
+    def _hand_over(self) -> PerceptionServer:
+        """Give perception the frames that have arrived."""
+        server = self._running_server()
+        for captured in self._transfer.arrived(self.now_ns):
             server.submit(captured)
-        finished = server.poll(now_ns)
+        return server
+
+    def _deliver(self) -> list[ServedFrame]:
+        now_ns = self.now_ns
+        finished = self._hand_over().poll(now_ns)
         arriving = self.injector.depth_frames(finished, self.rig.camera, now_ns)
         for one in finished:
             # Unless it is among those that arrive.

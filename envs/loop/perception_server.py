@@ -6,10 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from heapq import heappop, heappush
-from typing import NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any, NamedTuple
 
 from laploop.arrays import Array
 from laploop.envs.loop.background import BackgroundWorker, Pending
@@ -93,13 +90,19 @@ class _Job(NamedTuple):
 class _Estimate:
     """An estimate under way, and how long it took."""
 
-    def __init__(self, work: Callable[[], DepthEstimate]) -> None:
-        self._work = work
+    def __init__(self, estimator: DepthEstimator, seen: Pending[Any]) -> None:
+        """Estimate from an image, or from the exact depth for the oracle."""
+        self._estimator = estimator
+        self._seen = seen
         self.seconds = 0.0
 
     def __call__(self) -> DepthEstimate:
+        seen = self._seen.result()
         begin = time.perf_counter()
-        estimate = self._work()
+        if isinstance(self._estimator, OracleEstimator):
+            estimate = self._estimator.estimate_of(seen.depth_mm)
+        else:
+            estimate = checked_estimate(self._estimator.estimate(seen.image), seen.image.shape[:2])
         self.seconds = time.perf_counter() - begin
         return estimate
 
@@ -136,6 +139,11 @@ class PerceptionServer:
         self.ahead = ahead
         """Whether estimates are begun before anybody asks for them."""
 
+    @property
+    def begins_images(self) -> bool:
+        """Whether the images of frames are rendered, for their estimates, before anybody asks for these."""
+        return self.ahead and not isinstance(self._estimator, OracleEstimator)
+
     def submit(self, captured: CapturedFrame) -> None:
         """Hand over a frame at its `available_ns`; frames come in the order of these times."""
         # Workers that were done before it came have taken what waited.
@@ -167,6 +175,10 @@ class PerceptionServer:
     def abandon(self) -> None:
         """Begin nothing any more; does not wait for what is under way."""
         self._thread.abandon()
+
+    def settle(self) -> None:
+        """Wait for what is under way, and go on."""
+        self._thread.settle()
 
     def close(self) -> None:
         """Wait for what is under way and end the thread."""
@@ -200,14 +212,7 @@ class PerceptionServer:
 
     def _pending(self, captured: CapturedFrame) -> tuple[_Estimate, Pending[DepthEstimate]]:
         """Return the estimate that is to be made of a frame."""
-        estimator = self._estimator
-        if isinstance(estimator, OracleEstimator):
-            depth = captured.view.depth
-            made = _Estimate(lambda: estimator.estimate_of(depth.result().depth_mm))
-            return made, self._thread.later(made, after=depth)
-        whole = captured.view.whole
-        made = _Estimate(lambda: self._estimate(whole.result().image))
-        return made, self._thread.later(made, after=whole)
-
-    def _estimate(self, image: NDArray[np.uint8]) -> DepthEstimate:
-        return checked_estimate(self._estimator.estimate(image), image.shape[:2])
+        exact = isinstance(self._estimator, OracleEstimator)
+        seen: Pending[Any] = captured.view.depth if exact else captured.view.whole
+        made = _Estimate(self._estimator, seen)
+        return made, self._thread.later(made, after=seen)

@@ -3,7 +3,6 @@
 The channels are observables of dm_control's composer, which schedules, delays and corrupts them in physics steps.
 """
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,8 +13,10 @@ import numpy as np
 
 from laploop.arrays import Array
 from laploop.configuration import Field, configuration
+from laploop.envs.composer_modules import composer_module
 from laploop.envs.loop.timing.latency import Milliseconds
 from laploop.envs.theatre.clock_rates import ClockRates
+from laploop.perception.geometry import transform_points
 
 if TYPE_CHECKING:
     from laploop.envs.loop.miscalibrated_arm import MiscalibratedTool
@@ -43,6 +44,12 @@ class ProprioceptiveReading:
     tip_velocity_in_world: Array
     contact_force_in_world: Array
 
+    def seen_from(self, frame_from_world: Array) -> tuple[Array, Array, Array]:
+        """Return position, velocity and force, (3,) each, in another frame, 4x4, that stands still in the world."""
+        rotation = frame_from_world[:3, :3]
+        position = transform_points(frame_from_world, self.tip_in_world)
+        return position, rotation @ self.tip_velocity_in_world, rotation @ self.contact_force_in_world
+
 
 class _Physics:
     """The part of a dm_control `Physics` that an observable uses."""
@@ -60,11 +67,8 @@ class Proprioception:
 
     def __init__(self, body: "MiscalibratedTool", config: ProprioceptionConfig, rates: ClockRates) -> None:
         """Set the channels up; `reset` fills them with the first reading."""
-        with warnings.catch_warnings():
-            # Without a display, the window library that dm_control loads and we never use complains.
-            warnings.simplefilter("ignore")
-            from dm_control.composer.observation import observable
-            from dm_control.composer.observation.updater import Updater
+        observable = composer_module("observation.observable")
+        self._made_of = body, config, rates
         self._physics = _Physics(body)
         self._force_window = config.force_window_steps
         kinematics_delay, force_delay = (
@@ -83,7 +87,7 @@ class Proprioception:
         }
         for channel in channels.values():
             channel.enabled = True
-        self._updater = Updater(
+        self._updater = composer_module("observation.updater").Updater(
             channels,
             physics_steps_per_control_step=rates.physics_steps_per_control,
             strip_singleton_buffer_dim=True,
@@ -93,7 +97,28 @@ class Proprioception:
 
     def reset(self, random_state: np.random.RandomState) -> None:
         """Forget the past and take the first reading."""
+        self._random_state = random_state
         self._updater.reset(self._physics, random_state)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what copies and pickles; dm_control keeps its channels as closures, which do neither."""
+        channels = self._updater._enabled_structure.items()  # noqa: SLF001
+        return {
+            "made_of": self._made_of,
+            "steps": self._updater._step_counter,  # noqa: SLF001
+            "channels": {name: (channel.buffer, channel.update_schedule) for name, channel in channels},
+            "noise": self._random_state.get_state(),
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        Proprioception.__init__(self, *state["made_of"])
+        self.reset(np.random.RandomState())
+        self._updater._step_counter = state["steps"]  # noqa: SLF001
+        for name, (buffer, schedule) in state["channels"].items():
+            channel = self._updater._enabled_structure[name]  # noqa: SLF001
+            channel.buffer, channel.update_schedule = buffer, schedule
+        # The first reading has drawn noise.
+        self._random_state.set_state(state["noise"])
 
     def before_control_period(self) -> None:
         """Plan which of the coming physics steps need a reading."""

@@ -54,6 +54,7 @@ class RayCamera:
         *,
         tissue: TissueSurface | None = None,
         groups: Collection[int] = (1,),
+        without: Collection[str] = (),
         rng: np.random.Generator | None = None,
         appearance: TissueAppearance | None = None,
     ) -> SceneGeometry:
@@ -61,7 +62,9 @@ class RayCamera:
 
         The default leaves out arms and abdominal wall.
         """
-        geometry = SceneGeometry.from_model(model, tissue=tissue, groups=groups, rng=rng, appearance=appearance)
+        geometry = SceneGeometry.from_model(
+            model, tissue=tissue, groups=groups, without=without, rng=rng, appearance=appearance
+        )
         self.attach_geometry(geometry)
         return geometry
 

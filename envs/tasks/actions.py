@@ -30,9 +30,13 @@ JOINTS = 6
 def action_space(config: TaskConfig) -> spaces.Space[Float32]:
     """Return the space of the actions of a config."""
     bound = action_bound(config)
-    size = JOINTS if config.action_mode == "joint-velocity" else 3
-    box: spaces.Space[Any] = spaces.Box(-bound, bound, (size,), np.float32)
+    box: spaces.Space[Any] = spaces.Box(-bound, bound, (action_size(config),), np.float32)
     return box
+
+
+def action_size(config: TaskConfig) -> int:
+    """Return the number of components of an action."""
+    return JOINTS if config.action_mode == "joint-velocity" else 3
 
 
 def action_bound(config: TaskConfig) -> float:
@@ -50,12 +54,17 @@ def checked_action(action: object, config: TaskConfig) -> Array:
     Raises:
         InvalidValueError: If it has another shape or is not made of real numbers, or is not finite where that is an error.
     """
-    size = JOINTS if config.action_mode == "joint-velocity" else 3
     unit = {"joint-velocity": "rad/s", "tip-offset": "m"}.get(config.action_mode, "m/s")
-    values = _real_numbers("action", action, size, unit)
-    if config.bad_action == "raise" and not np.isfinite(values).all():
-        raise InvalidValueError("action", values.tolist(), f"{size} finite numbers ({unit})")
-    return values
+    return _checked(action, config, unit)
+
+
+def scaled_action(action: object, config: TaskConfig) -> Array:
+    """Return what an action of -1 to 1 a component stands for, float64, -1 and 1 being the bounds; larger ones are clipped.
+
+    Raises:
+        InvalidValueError: As for `checked_action`.
+    """
+    return np.clip(_checked(action, config, "-1 to 1"), -1.0, 1.0) * action_bound(config)
 
 
 def checked_command(command: object) -> Array:
@@ -65,6 +74,14 @@ def checked_command(command: object) -> Array:
         InvalidValueError: If it is not three real numbers.
     """
     return _real_numbers("command of the controller", command, 3, "velocity of the tip in m/s")
+
+
+def _checked(action: object, config: TaskConfig, unit: str) -> Array:
+    size = action_size(config)
+    values = _real_numbers("action", action, size, unit)
+    if config.bad_action == "raise" and not np.isfinite(values).all():
+        raise InvalidValueError("action", values.tolist(), f"{size} finite numbers ({unit})")
+    return values
 
 
 def _real_numbers(name: str, values: object, size: int, unit: str) -> Array:

@@ -10,7 +10,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal, get_type_hints
 
 from laploop.errors import InvalidValueError
-from laploop.registry import Registry
+from laploop.registry import Registry, call_checked
 
 if TYPE_CHECKING:
     from laploop.envs.tasks.task_config import TaskConfig
@@ -126,9 +126,9 @@ TASKS: Registry[TaskSpec] = Registry(
 """In the order in which the tasks are listed to users."""
 
 
-def environment_id(task: str) -> str:
-    """Return the id under which Gymnasium knows a task, such as `laploop/Reach-v0`."""
-    return f"laploop/{re.sub(r'[^0-9A-Za-z]', '', task.title())}-v0"
+def environment_id(task: str, version: int = 0) -> str:
+    """Return the id under which Gymnasium knows a task, such as `laploop/Reach-v0`; version 1 is the one for learners."""
+    return f"laploop/{re.sub(r'[^0-9A-Za-z]', '', task.title())}-v{version}"
 
 
 def task_spec(task: str) -> TaskSpec:
@@ -166,8 +166,10 @@ def make_environment(task: str, **keywords: Any) -> "TaskEnv[Any]":
 
     Raises:
         UnknownNameError: If there is no such task.
+        InvalidValueError: If its environment does not take a keyword.
     """
-    return task_spec(task).environment_class(**keywords)
+    made: TaskEnv[Any] = call_checked("environment", task, task_spec(task).environment_class, **keywords)
+    return made
 
 
 def _resolved(place: Any) -> Any:

@@ -1,13 +1,11 @@
 """What all tasks have in common behind Gymnasium's interface."""
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
-from numbers import Integral
 from typing import Any, ClassVar, Generic, TypeVar, cast
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
@@ -17,7 +15,7 @@ from laploop.assets.shafts import INSTRUMENT
 from laploop.control.messages import ControlInput, TipController
 from laploop.envs.loop.closed_loop import ClosedLoop
 from laploop.envs.loop.perception_server import ServedFrame
-from laploop.envs.recording.recorder import Recorder, TickRecord
+from laploop.envs.recording.recorder import Recorder
 from laploop.envs.sensors.stripe_capture import ExactView
 from laploop.envs.tasks.actions import ActionInterpreter, action_space, checked_action
 from laploop.envs.tasks.observations import (
@@ -31,22 +29,26 @@ from laploop.envs.tasks.observations import (
     observation_space,
 )
 from laploop.envs.tasks.registry import task_spec
+from laploop.envs.tasks.reset_arguments import check_reset
+from laploop.envs.tasks.savable_env import SavableEnv
+from laploop.envs.tasks.steppable_env import Begin, Info, Step
 from laploop.envs.tasks.surface_point import SurfacePoint
 from laploop.envs.tasks.target_choice import checked_pixels, choose_target_pixel
 from laploop.envs.tasks.task_config import TaskConfig
-from laploop.errors import InvalidValueError, SimulationError, UnknownNameError
+from laploop.envs.tasks.tick_record import tick_record
+from laploop.envs.theatre.physics_call import PhysicsRun
+from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
-from laploop.perception.estimators.registry import make_estimator
+from laploop.perception.estimators.chosen import chosen_estimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
 
-Info = dict[str, Any]
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 
 HARMS = ("force", "rcm")
 """Values of `terminated_by` for an exceeded safety limit."""
 
 
-class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
+class TaskEnv(SavableEnv, Generic[ConfigT]):
     """A task in the closed loop; one step is one control period, 8 ms by default.
 
     The target is a material point of the tissue: the one that the chosen pixel showed when the first frame was captured. An
@@ -98,15 +100,13 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         if config is not None and not isinstance(config, self.config_type):
             raise InvalidValueError("config", type(config).__name__, f"a {self.config_type.__name__}")
         self.config: ConfigT = config or cast("Any", self.config_type)()
+        self._perception = perception
         scope = self.config.loop.theatre.scope
-        estimator = make_estimator(perception, Rig.from_optics(scope)) if isinstance(perception, str) else perception
-        if isinstance(estimator, type) or not isinstance(estimator, DepthEstimator):
-            raise InvalidValueError("perception", estimator, "name of an estimator, or an object with estimate(image)")
         mode = self.config.observation_mode
         hides = any(fault.kind == "target-hidden" for fault in self.config.loop.faults)
         self.loop = ClosedLoop(
             self.config.loop,
-            estimator,
+            chosen_estimator(perception, Rig.from_optics(scope)),
             recorder,
             moves_scope=self.moves_scope,
             locate_target=self.target_in_world if self.config.marker or hides else None,
@@ -128,10 +128,22 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self._depth_mae_mm: float | None = None
         self._depth_valid_fraction: float | None = None
 
+    def _make_anew(self, config: Any, perception: str | DepthEstimator) -> None:
+        TaskEnv.__init__(self, config, perception)
+
     @property
     def task(self) -> str:
         """The task's name."""
         return self.config.kind
+
+    @property
+    def action_check(self) -> Callable[[object], Array]:
+        """See `SteppableEnv`."""
+        return partial(checked_action, config=self.config)
+
+    def share_cores(self) -> None:
+        """See `SteppableEnv`."""
+        self.loop.observed.threads = 1
 
     # What a task defines.
 
@@ -187,39 +199,29 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
 
     # What all tasks share.
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Build a tissue, start the loop, choose a target.
-
-        Args:
-            seed: Decides everything that is random in the episode.
-            options: `{"target_pixel": (column, row)}` chooses the target by hand.
-
-        Raises:
-            UnknownNameError: If there is no such option.
-            InvalidValueError: If the seed is not an integer from 0 on, or the chosen pixel shows no tissue.
-        """
-        self._check_reset(seed, options)
-        super().reset(seed=None if seed is None else int(seed))
+    def resetting(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> PhysicsRun[Begin]:
+        """Build a tissue, start the loop, choose a target: in the first frame, at time 0, before the loop runs."""
+        check_reset(seed, options, self.reset_options)
+        self.seed_generator(seed)
         self._running = False
         theatre_rng, target_rng = self.np_random.spawn(2)
         theatre_seed = int(theatre_rng.integers(2**31)) if seed is None else int(seed)
         self._interpreter.reset()
-        # The target is chosen in the first frame, at time 0, before the loop runs.
         self._target = self._touched = None
         choose = partial(self.choose_target, target_rng, options or {})
-        self.loop.reset(theatre_rng, theatre_seed=theatre_seed, at_first_frame=choose)
+        yield from self.loop.resetting(theatre_rng, theatre_seed=theatre_seed, at_first_frame=choose)
         self.measure(begin=True)
         self._running = True
         info = self._info(reward_terms={}, terminated_by=None, succeeded=False)
-        return self._observation(), info
+        return self.observation(), info
 
-    def step(self, action: NDArray[np.floating[Any]]) -> tuple[Observation, float, bool, bool, Info]:
-        """Run one control period.
+    def stepping(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[Step]:
+        """Run one control period, and observe."""
+        reward, terminated, truncated, info = yield from self.ticking(action)
+        return self.observation(), reward, terminated, truncated, info
 
-        Raises:
-            InvalidValueError: If the action has another shape, or an entry that is not finite where that is an error.
-            SimulationError: If the episode has ended or not begun.
-        """
+    def ticking(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[tuple[float, bool, bool, Info]]:
+        """Run one control period without observing, for whoever looks only after several of them."""
         if not self._running:
             raise SimulationError("the episode has ended or not begun; call reset() first")
         checked = checked_action(action, self.config)
@@ -227,9 +229,9 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         self._running = False
         velocity = self._interpreter.velocity(checked, self.control_input)
         if self.moves_scope:
-            self.loop.advance(np.zeros(3), velocity)
+            yield from self.loop.advancing(np.zeros(3), velocity)
         else:
-            self.loop.advance(velocity)
+            yield from self.loop.advancing(velocity)
         self.measure(begin=False)
         terminated_by = self._harm() or self.ended_by()
         truncated = terminated_by is None and self.loop.now_ns >= round(self.config.max_seconds * 1e9)
@@ -243,9 +245,29 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         weights, unweighted = vars(self.config.rewards), {**self.reward_terms(), **shared_terms}
         terms = {name: value * float(weights[name]) for name, value in unweighted.items()}
         info = self._info(terms, "time" if truncated else terminated_by, succeeded=succeeded)
-        self._record_tick(info)
+        self._record_tick(info, velocity)
         self._running = terminated_by is None and not truncated
-        return self._observation(), float(sum(terms.values())), terminated_by is not None, truncated, info
+        return float(sum(terms.values())), terminated_by is not None, truncated, info
+
+    def observation(self) -> Observation:
+        """Return what can be observed now."""
+        mode, served, newest = self.config.observation_mode, self.loop.newest_served, self.loop.newest_arrived
+        if served is None or newest is None:
+            raise SimulationError("no frame yet")
+        tip, velocity, force = self.loop.reading().seen_from(invert_transform(self.loop.scope.world_from_camera()))
+        observation: Observation = {"stripes": newest.frame.image.copy()} if mode in STRIPE_MODES else {}
+        if mode in DEPTH_MODES:
+            observation |= depth_observation(served, self.loop.now_ns)
+        observation["tip_position"] = bounded(tip, -1.0, 1.0)
+        observation["tip_velocity"] = bounded(velocity, -1.0, 1.0)
+        observation["contact_force"] = bounded(force, -MAX_FORCE_N, MAX_FORCE_N)
+        observation["target_pixel"] = self.target_pixel.astype(np.float32)
+        if mode == "state":
+            camera_from_world = invert_transform(self.loop.theatre.world_from_camera())
+            _, normal, position = self.target_offset()
+            observation["target_position"] = bounded(transform_points(camera_from_world, position), -1.0, 1.0)
+            observation["target_normal"] = bounded(camera_from_world[:3, :3] @ normal, -1.0, 1.0)
+        return observation | self.extra_observation()
 
     def close(self) -> None:
         """End the perception thread."""
@@ -317,40 +339,12 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
         """Return whether this tick counts for the task's accuracy."""
         return True
 
-    def _check_reset(self, seed: Any, options: object) -> None:
-        if seed is not None and (isinstance(seed, bool) or not isinstance(seed, Integral) or not 0 <= int(seed) < 2**63):
-            raise InvalidValueError("seed", seed, "an integer from 0 to 2**63 - 1, or None")
-        if options is not None and not isinstance(options, Mapping):
-            raise InvalidValueError("options", options, "a mapping, or None")
-        for name in options or {}:
-            if name not in self.reset_options:
-                raise UnknownNameError("option of reset", name, self.reset_options)
-
     def _harm(self) -> str | None:
         if self.loop.max_force_n > self.config.harm_force_n:
             return "force"
         if max(self.loop.max_rcm_error_m.values()) > self.config.harm_rcm_m:
             return "rcm"
         return None
-
-    def _observation(self) -> Observation:
-        mode, served, newest = self.config.observation_mode, self.loop.newest_served, self.loop.newest_arrived
-        if served is None or newest is None:
-            raise SimulationError("no frame yet")
-        known = self.loop.control_input(self.target_pixel, with_depth=False)
-        observation: Observation = {"stripes": newest.frame.image.copy()} if mode in STRIPE_MODES else {}
-        if mode in DEPTH_MODES:
-            observation |= depth_observation(served, self.loop.now_ns)
-        observation["tip_position"] = bounded(known.tip_in_camera, -1.0, 1.0)
-        observation["tip_velocity"] = bounded(known.tip_velocity_in_camera, -1.0, 1.0)
-        observation["contact_force"] = bounded(known.contact_force_in_camera, -MAX_FORCE_N, MAX_FORCE_N)
-        observation["target_pixel"] = self.target_pixel.astype(np.float32)
-        if mode == "state":
-            camera_from_world = invert_transform(self.loop.theatre.world_from_camera())
-            _, normal, position = self.target_offset()
-            observation["target_position"] = bounded(transform_points(camera_from_world, position), -1.0, 1.0)
-            observation["target_normal"] = bounded(camera_from_world[:3, :3] @ normal, -1.0, 1.0)
-        return observation | self.extra_observation()
 
     def _info(self, reward_terms: dict[str, float], terminated_by: str | None, *, succeeded: bool) -> Info:
         if (served := self.loop.newest_served) is None:
@@ -372,7 +366,7 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             "sim_s": self.loop.now_ns * 1e-9,
             "frames": self.loop.frame_count,
             "dropped_frames": self.loop.dropped_frames,
-            "frame_times": None if (newest := self.loop.timing_log.newest_used) is None else asdict(newest),
+            "frame_times": None if (newest := self.loop.timing_log.newest_used) is None else dict(vars(newest)),
             "status": str(status),
             "status_reason": self.loop.status_reason,
             "fault": self._interpreter.fault,
@@ -383,18 +377,8 @@ class TaskEnv(gym.Env[dict[str, Any], NDArray[np.float32]], Generic[ConfigT]):
             "reward_terms": reward_terms,
         }
 
-    def _record_tick(self, info: Info) -> None:
-        with self.loop.timer.measure("record"):
-            self.loop.recorder.tick(
-                TickRecord(
-                    now_ns=self.loop.now_ns,
-                    target_error_mm=info["target_error_mm"],
-                    target_in_world=self.target_in_world(),
-                    rcm_error_mm=info["rcm_error_mm"],
-                    port_force_n=info["port_force_n"],
-                    contact_force_n=info["contact_force_n"],
-                    depth_age_ms=info["depth_age_ms"],
-                    stage_ms=self.loop.timer.lap_ms(),
-                    frame_ms=self.loop.timing_log.newest_ms(),
-                )
-            )
+    def _record_tick(self, info: Info, command: Array) -> None:
+        recorder = self.loop.recorder
+        if recorder.takes_ticks:
+            with self.loop.timer.measure("record"):
+                recorder.tick(tick_record(self, info, command))

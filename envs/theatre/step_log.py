@@ -61,6 +61,19 @@ class StepLog:
         for _ in range(len(self.tip)):
             self.add(np.zeros(3), collided=False)
 
+    def get_state(self) -> dict[str, Any]:
+        """Return a copy of the rows."""
+        return {name: value.copy() for name, value in self._rows().items()} | {"count": self._count}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Take over what `get_state` has returned."""
+        self._count = state["count"]
+        for name, rows in self._rows().items():
+            rows[:] = state[name]
+
+    def _rows(self) -> dict[str, NDArray[Any]]:
+        return {name: value for name, value in vars(self).items() if not name.startswith("_")}
+
     def add(self, contact_force: Array, *, collided: bool) -> None:
         """Keep a step that has just ended; kinematics must be fresh.
 

@@ -1,5 +1,9 @@
 """The operating theatre: the simulated world that sensors look at and controllers act on."""
 
+import copy
+from dataclasses import dataclass
+from typing import Any
+
 import mujoco
 import numpy as np
 
@@ -11,6 +15,7 @@ from laploop.envs.theatre.actuation import Actuation
 from laploop.envs.theatre.arm import Arm
 from laploop.envs.theatre.clock_rates import ClockRates
 from laploop.envs.theatre.config import TheatreConfig
+from laploop.envs.theatre.physics_call import PhysicsCall, PhysicsRun, run_alone
 from laploop.envs.theatre.scene import scene_of
 from laploop.envs.theatre.stage import Stage
 from laploop.envs.theatre.step_log import StepLog, distance_from_axis
@@ -18,6 +23,25 @@ from laploop.envs.theatre.theatre_model import CAMERA_ARM, INSTRUMENT_PREFIX, SC
 from laploop.envs.theatre.tissue import Tissue
 from laploop.envs.theatre.trocar import Trocar
 from laploop.errors import InvalidValueError, SimulationError
+
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+"""What MuJoCo needs to go on to the same bits."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TheatreState:
+    """What changes in a theatre while it runs."""
+
+    physics: Array
+    """MuJoCo's own state, with stage and warm start."""
+    steps: int
+    """Physics steps since the reset."""
+    contact_force: Array
+    """(3,), N, on the tip in the last step."""
+    references: dict[str, Actuation]
+    """Of each arm: its targets, those in flight included."""
+    trocars: dict[str, dict[str, Any]]
+    log: dict[str, Any]
 
 
 class Theatre:
@@ -109,13 +133,17 @@ class Theatre:
         Raises:
             SimulationError: If the state became invalid or MuJoCo gave a warning.
         """
+        run_alone(self.stepping())
+
+    def stepping(self) -> PhysicsRun[None]:
+        """As `step`, stopping where MuJoCo computes."""
         for arm in self.arms:
             self.data.ctrl[arm.actuator_indices] = self._references[arm.name].step(self.now_ns)
         # Positions are fresh, and forces are still to be summed: `mj_step` in two halves, the second first.
         if self.config.trocar.acts:
             for trocar in self._trocars.values():
                 trocar.apply()
-        mujoco.mj_step2(self.model, self.data)
+        yield PhysicsCall(mujoco.mj_step2, self.model, self.data)
         collided = False
         if self.data.ncon:
             self._contact_force = self._summed_contact_force()
@@ -124,14 +152,40 @@ class Theatre:
         elif self._contact_force.any():
             self._contact_force = np.zeros(3)
         self._steps += 1
-        self.refresh()
+        yield from self._refreshing()
         self.log.add(self.contact_force_in_world(), collided=collided)
         self._check()
 
     def refresh(self) -> None:
         """Bring stage, poses, tissue and contacts up to the present state; needed after a change to it from outside."""
-        self.stage.place(self.now_ns)
+        run_alone(self._refreshing())
+
+    def get_state(self) -> TheatreState:
+        """Return everything in which this theatre differs from another one of the same configuration and seed."""
+        physics = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, physics, _STATE)
+        return TheatreState(
+            physics=physics,
+            steps=self._steps,
+            contact_force=self._contact_force.copy(),
+            references=copy.deepcopy(self._references),
+            trocars={name: trocar.get_state() for name, trocar in self._trocars.items()},
+            log=self.log.get_state(),
+        )
+
+    def set_state(self, state: TheatreState) -> None:
+        """Take over what `get_state` of a theatre of the same configuration and seed has returned."""
+        mujoco.mj_resetData(self.model, self.data)
+        mujoco.mj_setState(self.model, self.data, state.physics, _STATE)
+        self._steps = state.steps
+        self._contact_force = state.contact_force.copy()
+        self._references = copy.deepcopy(state.references)
+        # Brings back what follows from the state, as at the end of the step after which it was taken. The stage is in place:
+        # its velocity is part of the state, and to place it anew would take the contact body's orientation of now, a step late.
         mujoco.mj_step1(self.model, self.data)
+        for name, trocar in self._trocars.items():
+            trocar.set_state(state.trocars[name])
+        self.log.set_state(state.log)
 
     def set_joint_targets(self, arm: Arm, q: Array, qdot: Array | None = None) -> None:
         """Send an arm's servos targets for one control period: angles, (6,) rad, and velocities, (6,) rad/s.
@@ -167,11 +221,12 @@ class Theatre:
         """Return the centre of the tool's ball end, (3,)."""
         return np.array(self.data.site_xpos[self.tool_arm.tip_site])
 
-    def tip_velocity_in_world(self) -> Array:
-        """Return the velocity of the centre of the tool's ball end, (3,), m/s."""
+    def tip_velocity_in_world(self, arm: Arm | None = None) -> Array:
+        """Return the velocity of the tip of an arm's shaft, (3,), m/s; by default of the centre of the tool's ball end."""
+        arm = arm or self.tool_arm
         jacobian = np.zeros((3, self.model.nv))
-        mujoco.mj_jacSite(self.model, self.data, jacobian, None, self.tool_arm.tip_site)
-        columns = self.tool_arm.dof_indices
+        mujoco.mj_jacSite(self.model, self.data, jacobian, None, arm.tip_site)
+        columns = arm.dof_indices
         return np.asarray(jacobian[:, columns] @ self.data.qvel[columns])
 
     def contact_force_in_world(self) -> Array:
@@ -193,6 +248,10 @@ class Theatre:
         """Return the distance between an arm's trocar point and the axis of its shaft."""
         pose = self.world_from_shaft(arm)
         return float(distance_from_axis(arm.trocar_in_world, pose[:3, 3], pose[:3, 2]))
+
+    def _refreshing(self) -> PhysicsRun[None]:
+        self.stage.place(self.now_ns)
+        yield PhysicsCall(mujoco.mj_step1, self.model, self.data)
 
     def _summed_contact_force(self) -> Array:
         force = np.zeros(3)

@@ -78,6 +78,17 @@ class TrocarConfig:
                 raise InvalidValueError(name, round(needed, 4), allowed)
 
 
+_OF_PREVIOUS_STEP = {
+    "lateral_force_n",
+    "friction_force_n",
+    "_along",
+    "_around",
+    "_rotation_before",
+    "_offset_before",
+    "_depth_before",
+}
+
+
 class Trocar:
     """One arm's trocar in a running simulation; deterministic, its only state that of the previous step.
 
@@ -114,6 +125,14 @@ class Trocar:
         self._along = self._around = 0.0
         self._rotation_before = self._rotation.tolist()
         self._offset_before, self._depth_before = self._place(self._tip.tolist(), self._rotation_before)
+
+    def get_state(self) -> dict[str, Any]:
+        """Return what the previous step has left."""
+        return {name: value for name, value in vars(self).items() if name in _OF_PREVIOUS_STEP}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Take over what `get_state` has returned."""
+        vars(self).update(state)
 
     def apply(self) -> None:
         """Apply the port's force on the shaft for the coming physics step; kinematics must be fresh, as after `mj_step1`."""

@@ -15,6 +15,7 @@ from torch.nn import functional
 from laploop.errors import InvalidValueError
 from laploop.perception.carrier import gaussian_matrix
 from laploop.perception.geometry import Rig
+from laploop.perception.networks.band import along_columns, along_rows, cut_to_band
 from laploop.perception.networks.stripe_order import choose_order
 
 RIG_NUMBERS = 9
@@ -96,11 +97,11 @@ class PhaseFilters:
     wave: Tensor
     """cos and -sin of the carrier, (B, 2, 1, width)."""
     mean_x: Tensor
-    """(B, width, width); an image times it is smoothed along x."""
+    """(B, width, width) as `cut_to_band` returns it; an image times it is smoothed along x."""
     window_x: Tensor
-    """The first demodulation window along x, (B, 1, width, width)."""
+    """The first demodulation window along x, (B, 1, width, width), likewise."""
     half_windows_x: tuple[Tensor, ...]
-    """Every demodulation window along x, averaged over pairs of columns, each (B, 1, width, width / 2)."""
+    """Every demodulation window along x, averaged over pairs of columns, each (B, 1, width, width / 2), likewise."""
     maps: Tensor
     """The geometry as the network sees it, (B, maps, height / 2, width / 2)."""
 
@@ -135,7 +136,7 @@ class PhaseFrontEnd(nn.Module):
         def keep(name: str, sigma: float, average: int) -> None:
             matrix = torch.from_numpy(gaussian_matrix(self.height, sigma))
             matrix = matrix.reshape(self.height // average, average, self.height).mean(dim=1)
-            self.register_buffer(name, matrix.to(torch.float32).contiguous(), persistent=False)
+            self.register_buffer(name, cut_to_band(matrix.to(torch.float32).mT, _reach(sigma)), persistent=False)
 
         keep("mean_y", _MEAN_ROWS, 1)
         keep("window_y", self._windows[0][1], 1)
@@ -157,22 +158,25 @@ class PhaseFrontEnd(nn.Module):
         angle = rigs.angle(self.width)
         wave = torch.stack([torch.cos(angle), -torch.sin(angle)], dim=1)
         periods = [along * rigs.period_px for along, _ in self._windows]
+        reaches = [_reach(float(sigma.max())) for sigma in periods]
         windows = [2.0 * _gaussian_matrices(self.width, sigma)[:, None] for sigma in periods]
+        halves = [0.5 * (window[..., 0::2] + window[..., 1::2]) for window in windows]
+        mean_sigma = _MEAN_PERIODS * rigs.period_px
         return PhaseFilters(
             turns_metre=rigs.turns_metre.float(),
             wave=wave.float(),
-            mean_x=_gaussian_matrices(self.width, _MEAN_PERIODS * rigs.period_px),
-            window_x=windows[0],
-            half_windows_x=tuple(0.5 * (window[..., 0::2] + window[..., 1::2]) for window in windows),
+            mean_x=cut_to_band(_gaussian_matrices(self.width, mean_sigma), _reach(float(mean_sigma.max()))),
+            window_x=cut_to_band(windows[0], reaches[0]),
+            half_windows_x=tuple(cut_to_band(half, reach) for half, reach in zip(halves, reaches, strict=True)),
             maps=self._maps(rigs).float(),
         )
 
     def forward(self, image: Tensor, filters: PhaseFilters) -> PhaseFeatures:
         """Read images (B, height, width) in grey values, float32."""
-        mean = self.get_buffer("mean_y") @ image @ filters.mean_x
+        mean = along_rows(along_columns(image, self.get_buffer("mean_y")), filters.mean_x)
         normal = (image - mean) / (mean + 4.0)
         products = normal[:, None] * filters.wave
-        wave = self.get_buffer("window_y") @ products @ filters.window_x
+        wave = along_rows(along_columns(products, self.get_buffer("window_y")), filters.window_x)
         fraction = -torch.atan2(wave[:, 1], wave[:, 0]) / (2.0 * math.pi)
         reference = filters.turns_metre / REFERENCE_M
         # In units of inverse depth, 0 at the reference: the same number means the same depth on every rig.
@@ -198,7 +202,7 @@ class PhaseFrontEnd(nn.Module):
         """
         maps: list[Tensor] = []
         for index, window_x in enumerate(filters.half_windows_x):
-            wave = self.get_buffer(f"half_window_y{index}") @ products @ window_x
+            wave = along_rows(along_columns(products, self.get_buffer(f"half_window_y{index}")), window_x)
             contrast = wave.square().sum(dim=1, keepdim=True).sqrt()
             maps += [wave / (contrast + 0.02), contrast]
         return torch.cat(maps, dim=1)
@@ -222,6 +226,11 @@ def turn_back(products: Tensor, turns: Tensor) -> Tensor:
     cosine, sine = torch.cos(angle), torch.sin(angle)
     real, imaginary = products[:, 0], products[:, 1]
     return torch.stack([real * cosine - imaginary * sine, real * sine + imaginary * cosine], dim=1)
+
+
+def _reach(sigma: float) -> int:
+    """Return how many samples from its middle a Gaussian is not 0."""
+    return math.floor(sigma * math.sqrt(-2.0 * math.log(_CUT)))
 
 
 def _gaussian_matrices(size: int, sigma: Tensor) -> Tensor:

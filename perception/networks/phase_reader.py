@@ -51,7 +51,8 @@ class PhaseReader(nn.Module):
     def forward(self, seen: PhaseFeatures, filters: PhaseFilters) -> PhaseReading:
         """Read what the front end has seen of a batch."""
         level = self.trunk(seen.features.contiguous(memory_format=torch.channels_last))
-        maps = functional.pixel_shuffle(self.head(level).float(), 2)
+        # Channel by channel in memory, as what follows goes through them.
+        maps = functional.pixel_shuffle(self.head(level).float(), 2).contiguous()
         correction, gate, coarse, log_scale, slip_logit = maps.unbind(dim=1)
         metre = filters.turns_metre
         coarse_turns = metre / REFERENCE_M * torch.exp(-coarse.clamp(-1.8, 1.15))

@@ -7,10 +7,17 @@ from importlib.metadata import version
 
 from gymnasium.envs.registration import register
 
+from laploop.envs.learning.registry import register_learner
 from laploop.envs.tasks.registry import TASKS, environment_id
 
 __version__ = version("laploop")
 __all__ = ["__version__"]
 
 for _task in TASKS.names():
-    register(environment_id(_task), entry_point="laploop.envs.tasks.registry:make_environment", kwargs={"task": _task})
+    register(
+        environment_id(_task),
+        entry_point="laploop.envs.tasks.registry:make_environment",
+        vector_entry_point="laploop.envs.batch.making:make_task_vector",
+        kwargs={"task": _task},
+    )
+    register_learner(_task)

@@ -14,6 +14,7 @@ from laploop.envs.loop.timing.latency import (
     MeasuredLatency,
     Milliseconds,
 )
+from laploop.envs.loop.timing.latency_samples import Losses
 from laploop.errors import InvalidValueError
 
 QueueName = Literal["newest-wins", "fifo"]
@@ -99,14 +100,9 @@ class TimingSamples:
         service, compute = config.service, config.compute
         return cls(
             transfer=config.transfer.samples_ns(transfer_rng),
-            dropped=_drops(config.drop_rate, drop_rng),
+            dropped=Losses(config.drop_rate, drop_rng),
             service=None if isinstance(service, MeasuredLatency) else service.samples_ns(service_rng),
             pipeline=config.pipeline.samples_ns(pipeline_rng),
             compute=None if isinstance(compute, MeasuredLatency) else compute.samples_ns(compute_rng),
             transport=config.transport.samples_ns(transport_rng),
         )
-
-
-def _drops(rate: float, rng: np.random.Generator) -> Iterator[bool]:
-    while True:
-        yield bool(rng.random() < rate)

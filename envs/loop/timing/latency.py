@@ -6,8 +6,7 @@ random times may hold the last one with a probability, as a busy machine stays b
 
 import csv
 import math
-from collections.abc import Callable, Iterator
-from itertools import cycle, repeat
+from collections.abc import Iterator
 from pathlib import Path
 from statistics import median
 from typing import Annotated, Literal
@@ -15,6 +14,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from laploop.configuration import Field, configuration
+from laploop.envs.loop.timing.latency_samples import DrawnTimes, RepeatedTimes, ShuffledTimes, TimesInOrder
 from laploop.errors import InvalidValueError, check_file
 
 COLUMN = "latency_ms"
@@ -49,7 +49,7 @@ class ConstantLatency:
 
     def samples_ns(self, rng: np.random.Generator) -> Iterator[int]:  # noqa: ARG002  the same for all models
         """Yield one time after another, in nanoseconds."""
-        return repeat(_nanoseconds(self.latency_ms))
+        return RepeatedTimes((_nanoseconds(self.latency_ms),))
 
 
 @configuration
@@ -61,13 +61,14 @@ class _DrawnLatency:
     max_ms: PositiveMilliseconds = LONGEST_MS
     """Longer times are cut to this."""
 
-    def _held(self, draw_ns: Callable[[], float], rng: np.random.Generator) -> Iterator[int]:
+    def samples_ns(self, rng: np.random.Generator) -> Iterator[int]:
+        """Yield one time after another, in nanoseconds, drawn from `rng`."""
         longest_ns = _nanoseconds(self.max_ms)
-        time_ns: int | None = None
-        while True:
-            if time_ns is None or not self.hold_probability or rng.random() >= self.hold_probability:
-                time_ns = min(max(round(draw_ns()), 0), longest_ns)
-            yield time_ns
+        return DrawnTimes(self._draw_ns, rng, hold_probability=self.hold_probability, longest_ns=longest_ns)
+
+    def _draw_ns(self, rng: np.random.Generator) -> float:
+        """Return one time, before the cut."""
+        raise NotImplementedError
 
 
 @configuration
@@ -85,9 +86,8 @@ class NormalLatency(_DrawnLatency):
         """The mean."""
         return _nanoseconds(self.mean_ms)
 
-    def samples_ns(self, rng: np.random.Generator) -> Iterator[int]:
-        """Yield one time after another, in nanoseconds, drawn from `rng`."""
-        return self._held(lambda: 1e6 * rng.normal(self.mean_ms, self.sd_ms), rng)
+    def _draw_ns(self, rng: np.random.Generator) -> float:
+        return 1e6 * rng.normal(self.mean_ms, self.sd_ms)
 
 
 @configuration
@@ -105,9 +105,8 @@ class LognormalLatency(_DrawnLatency):
         """The median."""
         return _nanoseconds(self.median_ms)
 
-    def samples_ns(self, rng: np.random.Generator) -> Iterator[int]:
-        """Yield one time after another, in nanoseconds, drawn from `rng`."""
-        return self._held(lambda: _nanoseconds(self.median_ms) * math.exp(self.sigma * rng.standard_normal()), rng)
+    def _draw_ns(self, rng: np.random.Generator) -> float:
+        return _nanoseconds(self.median_ms) * math.exp(self.sigma * rng.standard_normal())
 
 
 @configuration
@@ -125,10 +124,9 @@ class GammaLatency(_DrawnLatency):
         """The mean."""
         return _nanoseconds(self.mean_ms)
 
-    def samples_ns(self, rng: np.random.Generator) -> Iterator[int]:
-        """Yield one time after another, in nanoseconds, drawn from `rng`."""
+    def _draw_ns(self, rng: np.random.Generator) -> float:
         shape, scale_ms = (self.mean_ms / self.sd_ms) ** 2, self.sd_ms**2 / self.mean_ms
-        return self._held(lambda: 1e6 * rng.gamma(shape, scale_ms), rng)
+        return 1e6 * rng.gamma(shape, scale_ms)
 
 
 @configuration
@@ -178,8 +176,8 @@ class TraceLatency:
         """
         times_ns = [_nanoseconds(latency) for latency in self.latencies_ms]
         if self.order == "loop":
-            return cycle(times_ns)
-        return _shuffled(times_ns, rng) if self.order == "shuffle" else _once(times_ns)
+            return RepeatedTimes(times_ns)
+        return ShuffledTimes(times_ns, rng) if self.order == "shuffle" else TimesInOrder(times_ns)
 
 
 @configuration
@@ -211,19 +209,6 @@ def measured_ns(seconds: float) -> int:
 
 def _nanoseconds(milliseconds: float) -> int:
     return round(milliseconds * 1e6)
-
-
-def _once(times_ns: list[int]) -> Iterator[int]:
-    yield from times_ns
-    frames = f"{len(times_ns)} time{'s' * (len(times_ns) > 1)}"
-    allowed = f"loop or shuffle, or a shorter episode: the trace holds {frames}, and the episode needs more"
-    raise InvalidValueError("order of the latency trace", "in-order", allowed)
-
-
-def _shuffled(times_ns: list[int], rng: np.random.Generator) -> Iterator[int]:
-    while True:
-        for index in rng.permutation(len(times_ns)):
-            yield times_ns[index]
 
 
 def _entry(row: list[str], column: int, width: int, place: str) -> float:

@@ -2,11 +2,12 @@
 
 What comes out is what rays through the pixels' centres hit, ten times faster than walking a tree on the CPU. Every launch owns
 whole rows, so that CPU threads never write to the same pixel; on CUDA the minimum is atomic. Equal depths go to the triangle
-with the smaller number: the result does not depend on the order of execution.
+with the smaller number: the result does not depend on the order of execution. The loop over a triangle's pixels is written in
+C++, as in `ray_kernels`.
 """
 
 # mypy: ignore-errors
-# ruff: noqa: ANN201, ANN202, C901, PLR0912, PLR0915, UP018
+# ruff: noqa: ANN201, ANN202, UP018
 # Kernels are written in Warp's language, whose types and casts are not Python's.
 
 import warp as wp
@@ -119,6 +120,64 @@ def _keep_nearest(
             wp.atomic_min(keys, pixel, key)
 
 
+@wp.func_native("""
+#pragma clang fp contract(off)
+unsigned long long* seen = (unsigned long long*)keys.data;
+for (int y = y0; y <= y1; ++y) {
+    const float at_y = (float)y + 0.5f;
+    const float part = normal[1] * (at_y - view.centre[1]) * view.step[1] + normal[2];
+    bool entered = false;
+    for (int x = x0; x <= x1; ++x) {
+        const int pixel = y * view.width + x;
+        if (seen[pixel] < first_key) continue;
+        const float at_x = (float)x + 0.5f;
+        if (ea[0] * (at_y - pb[1]) - ea[1] * (at_x - pb[0]) >= slack[0]
+            && eb[0] * (at_y - pc[1]) - eb[1] * (at_x - pc[0]) >= slack[1]
+            && ec[0] * (at_y - pa[1]) - ec[1] * (at_x - pa[0]) >= slack[2]) {
+            entered = true;
+            const float slope = normal[0] * (at_x - view.centre[0]) * view.step[0] + part;
+            if (slope != 0.0f) {
+                float z = height / slope;
+                z = z > nearest ? z : nearest;
+                z = z < farthest ? z : farthest;
+                unsigned int bits;
+                memcpy(&bits, &z, 4);
+                const unsigned long long key = (unsigned long long)bits << 32 | (unsigned int)triangle;
+                if (key < seen[pixel]) wp::atomic_min(keys, pixel, (wp::uint64)key);
+            }
+        } else if (entered) {
+            break;
+        }
+    }
+}
+""")
+def _fill(
+    triangle: int,
+    x0: int,
+    x1: int,
+    y0: int,
+    y1: int,
+    view: View,
+    height: float,
+    nearest: float,
+    farthest: float,
+    normal: wp.vec3,
+    pa: wp.vec2,
+    pb: wp.vec2,
+    pc: wp.vec2,
+    ea: wp.vec2,
+    eb: wp.vec2,
+    ec: wp.vec2,
+    slack: wp.vec3,
+    first_key: wp.uint64,
+    keys: wp.array(dtype=wp.uint64),
+):
+    """Offer a triangle before the eye to the pixels of a box, ends included, whose centres lie on the inner side of its edges.
+
+    Corner a faces the edge `ea`, which starts at b, and so on around.
+    """
+
+
 @wp.func
 def _offer(
     triangle: int,
@@ -177,23 +236,10 @@ def _offer(
         ea = (pc - pb) * flip
         eb = (pa - pc) * flip
         ec = (pb - pa) * flip
-        slack_a = -_EDGE_SLACK * (wp.abs(ea[0]) + wp.abs(ea[1]))
-        slack_b = -_EDGE_SLACK * (wp.abs(eb[0]) + wp.abs(eb[1]))
-        slack_c = -_EDGE_SLACK * (wp.abs(ec[0]) + wp.abs(ec[1]))
-        for y in range(y0, y1 + 1):
-            at_y = float(y) + 0.5
-            part = normal[1] * (at_y - view.centre[1]) * view.step[1] + normal[2]
-            entered = bool(False)
-            for x in range(x0, x1 + 1):
-                pixel = y * view.width + x
-                if keys[pixel] >= first_key:
-                    at = wp.vec2(float(x) + 0.5, at_y)
-                    if _side(pb, ea, at) >= slack_a and _side(pc, eb, at) >= slack_b and _side(pa, ec, at) >= slack_c:
-                        slope = normal[0] * (at[0] - view.centre[0]) * view.step[0] + part
-                        _keep_nearest(height, slope, nearest, farthest, triangle, pixel, keys)
-                        entered = True
-                    elif entered:
-                        break
+        slack = -_EDGE_SLACK * wp.vec3(
+            wp.abs(ea[0]) + wp.abs(ea[1]), wp.abs(eb[0]) + wp.abs(eb[1]), wp.abs(ec[0]) + wp.abs(ec[1])
+        )
+        _fill(triangle, x0, x1, y0, y1, view, height, nearest, farthest, normal, pa, pb, pc, ea, eb, ec, slack, first_key, keys)
     else:
         # Part of the triangle lies behind the eye: its edges are planes through the eye instead of lines in the image.
         turn = wp.where(height < 0.0, -1.0, 1.0)

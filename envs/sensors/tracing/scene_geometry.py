@@ -96,6 +96,7 @@ class SceneGeometry:
         *,
         tissue: TissueSurface | None = None,
         groups: Collection[int] = (1,),
+        without: Collection[str] = (),
         rng: np.random.Generator | None = None,
         appearance: TissueAppearance | None = None,
     ) -> "SceneGeometry":
@@ -107,6 +108,7 @@ class SceneGeometry:
             model: The compiled model.
             tissue: The surface that the camera sees of the tissue; by default those of the model's flexes in `groups`.
             groups: Groups that the camera sees.
+            without: Names of geoms in them that it does not.
             rng: Source of the tissue's texture, a smooth variation of its albedo; without it the tissue is uniform.
             appearance: Patches and detail on top of that texture; none by default.
 
@@ -133,8 +135,10 @@ class SceneGeometry:
             uniform = np.ones(len(rest), dtype=np.float32)
             factors.append(uniform if rng is None else tissue_albedo(rest, appearance, rng))
             start += len(rest)
-        visible = np.isin(model.geom_group, list(groups)) & (_geom_opacity(model) > 0.0)
+        visible = np.isin(model.geom_group, list(groups)) & (geom_opacity(model) > 0.0)
         for index in np.flatnonzero(visible):
+            if model.geom(index).name in without:
+                continue
             points, triangles = _geom_surface(model, int(index))
             surfaces.append((points, triangles))
             ids.append(object_id_of_geom(model.geom(index).name))
@@ -196,7 +200,7 @@ def _spread(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
     return array
 
 
-def _geom_opacity(model: mujoco.MjModel) -> NDArray[np.float64]:
+def geom_opacity(model: mujoco.MjModel) -> NDArray[np.float64]:
     """Return the alpha of each geom, its material's where it has one."""
     alpha = np.array(model.geom_rgba[:, 3], dtype=np.float64)
     with_material = model.geom_matid >= 0

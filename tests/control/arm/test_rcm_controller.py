@@ -1,3 +1,5 @@
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -207,3 +209,15 @@ def test_same_requests_give_the_same_bits(tool):
 def test_bad_configuration_names_the_field(field, value):
     with pytest.raises(InvalidValueError, match=field):
         RcmControllerConfig(**{field: value})
+
+
+def test_a_copy_and_a_pickle_go_on_to_the_same_bits(controller, tool):
+    velocity = np.array([-0.02, 0.03, -0.05])
+    controller.set_other_shaft(tool.model.world_from_shaft(tool.home_q) + np.eye(4, k=3) * 0.02, tool.model.shaft)
+    for _ in range(30):
+        controller.step(velocity, DT)
+    copied = pickle.loads(pickle.dumps(copy.deepcopy(controller)))  # noqa: S301  our own bytes
+    for _ in range(60):
+        for one, other in zip(controller.step(velocity, DT), copied.step(velocity, DT), strict=True):
+            np.testing.assert_array_equal(one, other)
+        assert controller.last_reason == copied.last_reason

@@ -1,3 +1,6 @@
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -75,3 +78,22 @@ def test_bands_must_not_overlap():
         RhythmSearchConfig(bands=(band, RhythmBand(lowest_hz=0.7, highest_hz=2.0, harmonics=2, step_hz=0.02)))
     with pytest.raises(InvalidValueError, match="highest_hz"):
         RhythmBand(lowest_hz=0.5, highest_hz=0.1, harmonics=2, step_hz=0.02)
+
+
+@pytest.mark.parametrize("slices", [0, 1, 7, 20])
+def test_a_search_under_way_copies_and_pickles_and_finds_the_same(slices):
+    window = SampleWindow(span_s=10.0, spacing_s=0.03)
+    for k in range(200):
+        window.add(k * 40_000_000, 0.005 * np.sin(1.6 * k * 0.04) + 0.0005 * np.sin(7.0 * k * 0.04))
+    search = RhythmSearch(RhythmSearchConfig(chunk=20), window)
+    for _ in range(slices):
+        search.step()
+    # The window moves on while the search looks at what it was at its begin.
+    window.add(200 * 40_000_000, 0.01)
+    copied = pickle.loads(pickle.dumps(copy.deepcopy(search)))  # noqa: S301  our own bytes
+    for _ in range(30):
+        one, other = search.step(), copied.step()
+        assert (one is None) == (other is None)
+        if one is not None:
+            np.testing.assert_array_equal(one.state, other.state)
+            assert one.time_ns == other.time_ns

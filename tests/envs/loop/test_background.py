@@ -1,7 +1,11 @@
+import math
 import threading
+import time
+from functools import partial
 
 import pytest
 
+from laploop.envs.environment_state import packed, unpacked
 from laploop.envs.loop.background import BackgroundWorker
 from laploop.envs.loop.stage_timer import StageTimer
 from laploop.errors import SimulationError
@@ -77,3 +81,41 @@ def test_a_closed_worker_has_no_thread_and_says_what_was_not_computed(timer):
     for pending in (cancelled, never, never):
         with pytest.raises(SimulationError, match="the episode ended before"):
             pending.wait()
+
+
+def copied(pending, worker):
+    """Return a copy, by way of a pickle, that shares the timer, as in the state of an environment."""
+    parts = {"timer": worker.timer}
+    return unpacked(packed(pending, parts), parts)
+
+
+def test_a_copy_holds_the_result_of_what_was_begun_and_the_work_of_what_was_not(worker):
+    begun, later = worker.later(partial(time.sleep, 0.05)), worker.later(partial(time.sleep, 0.0))
+    second = BackgroundWorker("perception", worker.timer)
+    after = second.later(partial(math.hypot, 3.0, 4.0), after=later)
+    begun.begin()
+    one, other = copied(begun, worker), copied(after, worker)
+    assert (one.begun, other.begun) == (True, False)
+    assert one.wait() is None
+    assert other.wait() == 5.0
+    assert not after.begun
+
+
+def test_a_copy_of_what_failed_raises_the_same_error(worker):
+    failing, never = worker.later({}.popitem), worker.later(dict)
+    failing.begin()
+    with pytest.raises(KeyError, match="empty"):
+        copied(failing, worker).wait()
+    worker.close()
+    with pytest.raises(SimulationError, match="the episode ended before"):
+        copied(never, worker).wait()
+
+
+def test_settled_workers_have_nothing_under_way(worker):
+    done = []
+    worker.settle()
+    jobs = [worker.later(lambda number=number: (time.sleep(0.02), done.append(number))) for number in range(3)]
+    for job in jobs:
+        job.begin()
+    worker.settle()
+    assert done == [0, 1, 2]

@@ -31,10 +31,11 @@ def rollout(env, seed, steps=30):
     return trace, reward, info
 
 
-def test_the_registered_environment_passes_gymnasiums_checker_without_a_warning(env):
+def test_the_registered_environment_passes_gymnasiums_checker_without_a_warning_but_that_of_its_age(env):
+    with pytest.warns(DeprecationWarning, match="upgrading to version `v1`"):
+        made = gym.make(environment_id("reach"), config=env.config, perception="oracle")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        made = gym.make(environment_id("reach"), config=env.config, perception="oracle")
         check_env(made.unwrapped, skip_render_check=True)
         made.close()
 

@@ -36,6 +36,7 @@ def checked(task_env, task, action, observation):
         check_env(env, skip_render_check=True)
 
 
+@pytest.mark.filterwarnings("ignore:.*is out of date:DeprecationWarning")
 @pytest.mark.parametrize("task", TASKS.names())
 def test_every_task_is_registered_under_its_name(task):
     env = gym.make(environment_id(task), perception="oracle")

@@ -6,6 +6,7 @@ import pytest
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.control.arm.model import ArmModel
+from laploop.envs.theatre.actuation import ActuationConfig
 from laploop.envs.theatre.config import TheatreConfig, TheatreLayout
 from laploop.envs.theatre.organ_motion import BaseMotion
 from laploop.envs.theatre.theatre import Theatre
@@ -161,3 +162,25 @@ def test_arms_know_their_own_numbers(theatre):
         assert mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_ACTUATOR, arm.actuator_indices[0]).startswith(f"{arm.name}/")
         with pytest.raises(ValueError, match="read-only"):
             arm.home_q[0] = 0.0
+
+
+def test_the_state_of_a_theatre_on_the_move_goes_on_to_the_same_bits_in_another_of_its_seed():
+    config = TheatreConfig(seed=3, motion=BaseMotion.named("both"), actuation=ActuationConfig.named("ur5-cb"))
+    theatre, other = Theatre(config), Theatre(config)
+
+    def press(one, steps):
+        for step in range(steps):
+            if step % 4 == 0:
+                one.set_joint_targets(one.tool_arm, one.joint_positions(one.tool_arm), np.full(6, 0.05))
+            one.step()
+        return [one.data.qpos.copy(), one.data.qvel.copy(), one.log.tip.copy(), [one.port_force_n(arm) for arm in one.arms]]
+
+    press(theatre, 100)
+    state = theatre.get_state()
+    press(other, 30)
+    other.set_state(state)
+    expected = press(theatre, 60)
+    np.testing.assert_equal(press(other, 60), expected)
+    assert other.now_ns == theatre.now_ns
+    theatre.set_state(state)
+    np.testing.assert_equal(press(theatre, 60), expected)

@@ -1,0 +1,1 @@
+"""What policies are worth in the environments for learners."""

@@ -1,0 +1,100 @@
+"""Returns that learners can compare theirs with: of doing nothing, of chance, and of the scripted controllers.
+
+`python -P -m laploop.studies.learners.returns docs/results/learner-returns.json reach track` measures these tasks and leaves
+what the file has of others.
+"""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from laploop.control.controllers.registry import make_controller
+from laploop.control.messages import TipController
+from laploop.envs.learning.learner_env import LearnerEnv
+from laploop.envs.tasks.registry import TASKS, environment_id, task_spec
+from laploop.whole_file import whole_file
+
+PolicyName = Literal["zero", "random", "scripted"]
+SEEDS = 3
+"""Episodes of each policy."""
+CONDITIONS: dict[str, Any] = {"perception": "oracle", "fidelity": "fast"}
+"""Keywords of the environments; all else is as it is by default."""
+
+
+def measure_returns(task: str, seeds: int = SEEDS) -> dict[str, Any]:
+    """Return, for each policy, the dense returns of its episodes, their mean, the steps, and the rate of success.
+
+    `scripted` asks the task's controller once a step and holds its command, as a learner's policy would be.
+
+    Raises:
+        UnknownNameError: If there is no such task.
+    """
+    return {policy: _summary([_episode(task, policy, seed) for seed in range(seeds)]) for policy in get_args(PolicyName)}
+
+
+def _episode(task: str, policy: PolicyName, seed: int) -> tuple[float, int, bool]:
+    env = gym.make(environment_id(task, 1), **CONDITIONS)
+    try:
+        learner = env.unwrapped
+        if not isinstance(learner, LearnerEnv):
+            raise TypeError(f"{environment_id(task, 1)} is a {type(learner).__name__}")
+        env.action_space.seed(seed)
+        _, info = env.reset(seed=seed)
+        controller = make_controller(task_spec(task).controller, learner.task_env.loop.rig)
+        controller.reset()
+        total, steps, ended = 0.0, 0, False
+        while not ended:
+            _, reward, terminated, truncated, info = env.step(_action(policy, learner, controller))
+            total, steps, ended = total + float(reward), steps + 1, terminated or truncated
+        return total, steps, info["is_success"]
+    finally:
+        env.close()
+
+
+def _action(policy: PolicyName, env: LearnerEnv, controller: TipController) -> NDArray[np.float32]:
+    if policy == "random":
+        return env.action_space.sample()
+    if policy == "zero":
+        return np.zeros(3, np.float32)
+    return np.asarray(controller.command(env.task_env.control_input()) / env.action_scale, np.float32)
+
+
+def _summary(episodes: Sequence[tuple[float, int, bool]]) -> dict[str, Any]:
+    returns, steps, successes = zip(*episodes, strict=True)
+    return {
+        "mean_return": float(np.mean(returns)),
+        "returns": list(returns),
+        "steps": list(steps),
+        "success_rate": float(np.mean(successes)),
+    }
+
+
+def returns_table(tasks: dict[str, Any]) -> str:
+    """Return the measured tasks as a Markdown table."""
+    lines = ["| task | zero | random | scripted | scripted, success |", "|---|---|---|---|---|"]
+    for task, row in tasks.items():
+        means = [f"{row[policy]['mean_return']:.2f}" for policy in get_args(PolicyName)]
+        lines.append(f"| {task} | {' | '.join(means)} | {100 * row['scripted']['success_rate']:.0f} % |")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Measure tasks, by default all of them, and write them to a file: `arguments` are its path and their names."""
+    path, tasks = Path(arguments[0]), arguments[1:] or TASKS.names()
+    measured = json.loads(path.read_text(encoding="utf-8"))["tasks"] if path.is_file() else {}
+    for task in tasks:
+        measured[task] = measure_returns(task)
+    ordered = {task: measured[task] for task in TASKS.names() if task in measured}
+    result = {"seeds": SEEDS, "conditions": CONDITIONS, "reward": "dense", "tasks": ordered}
+    with whole_file(path) as partial:
+        partial.write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
