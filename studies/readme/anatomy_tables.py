@@ -10,8 +10,8 @@ def anatomy_table(known: Mapping[str, Any], held_out: Mapping[str, Any]) -> str:
     """Return the table of families for two evaluations: of families that were learned from, and of others."""
     lines = [
         "Anatomy at 60 to 140 mm ([worlds](../depth.md#worlds)); no weights learned from, or were chosen by, the families and",
-        "textures that are held out. Lit pixels are those that the projector reaches; a slip is a valid pixel that is more than",
-        "a tenth off.",
+        "textures that are held out. Lit pixels are those that the projector reaches; a slip is a valid pixel that is more",
+        "than a tenth off.",
         "",
         "| estimator | families | family | frames | MAE, lit pixels | valid | MAE, valid pixels | slips, per 1000 |",
         "|---|---|---|---|---|---|---|---|",
@@ -33,8 +33,8 @@ def light_table(summary: Mapping[str, Any]) -> str:
         rows.setdefault(row["light"], {})[row["model"]] = row
     models = list(next(iter(rows.values())))
     lines = [
-        "Organs before a wall, rendered by the path tracer with one thing changed at a time; error over the lit pixels, and its",
-        "ratio to that on the stripe camera's own images of the same organs under nominal light.",
+        "Organs before a wall, rendered by the path tracer with one thing changed at a time; error over the lit pixels, and",
+        "its ratio to that on the stripe camera's own images of the same organs under nominal light.",
         "",
         "| light | " + " | ".join(f"{shown(model)} | ratio" for model in models) + " |",
         "|---|" + "---|---|" * len(models),
