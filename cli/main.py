@@ -59,6 +59,7 @@ COMMANDS = {
     "train": "train a depth network on rendered frames or collected pairs",
     "characterize": "measure the stripes' contrast against distance",
     "calibrate": "calibrate cameras, projector and arm; true residuals",
+    "twin": "compare the renderer with an independent path tracer",
     "evaluate": "measure estimators on tissues never seen in training",
     "predict": "depth of your own camera's pictures",
     "import-pairs": "make a data set of your own pictures and clouds",

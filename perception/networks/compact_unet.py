@@ -46,7 +46,7 @@ class CompactUNet(DepthNetwork):
         """Estimate from images (B, height, width), grey values 0-255 in float32, each with its own rig."""
         filters = self.prepare(rigs) if isinstance(rigs, RigBatch) else rigs
         reading = self.read(self.see(image, filters), filters)
-        output: PhaseOutput = self.triangulation(reading.turns, reading.log_scale, reading.slip_logit, filters.turns_metre)
+        output: PhaseOutput = self.triangulation(reading, filters.turns_metre)
         return output
 
     def see(self, image: Tensor, filters: PhaseFilters) -> PhaseFeatures:
@@ -72,18 +72,19 @@ class Triangulation(nn.Module):
         # A Laplace distribution of scale 0.8 mm has even odds, and at half of that 5 to 1.
         self.odds = nn.Parameter(torch.tensor([0.3, 2.0]))
 
-    def forward(self, turns: Tensor, log_scale: Tensor, slip_logit: Tensor, turns_metre: Tensor) -> PhaseOutput:
-        """Return the output for turns of phase, the logarithm of their scale in turns, and the odds of a slip.
+    def forward(self, reading: PhaseReading, turns_metre: Tensor) -> PhaseOutput:
+        """Return the output for a reading.
 
         A scale in turns becomes one in millimetres by the slope of the triangulation, |dZ / dturns| = Z^2 / (b / tau).
         """
-        depth_m = triangulate(turns, turns_metre)
+        depth_m = triangulate(reading.turns, turns_metre)
         slope = torch.log(1e3 * depth_m.detach().square() / turns_metre)
-        log_scale_mm = (log_scale + slope).clamp(min=-4.0, max=4.0)
+        log_scale_mm = (reading.log_scale + slope).clamp(min=-4.0, max=4.0)
         return PhaseOutput(
-            turns=turns,
+            turns=reading.turns,
             depth_mm=1e3 * depth_m,
+            coarse_mm=1e3 * triangulate(reading.coarse_turns, turns_metre),
             log_scale=log_scale_mm,
-            slip_logit=slip_logit,
+            slip_logit=reading.slip_logit,
             within_logit=self.odds[0] - self.odds[1] * log_scale_mm,
         )

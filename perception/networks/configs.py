@@ -70,7 +70,7 @@ class CompactConfig(SizedNetworkConfig):
     form: ClassVar[str] = "laploop-compact-3"
     windows: Windows = ((0.6, 2.0), (0.35, 1.0))
     """Demodulation windows: standard deviation along x in periods and along y in pixels. The first gives the phase."""
-    widths: tuple[Channels, ...] = (16, 48, 64, 96, 128)
+    widths: tuple[Channels, ...] = (16, 48, 96, 128, 160)
     """Channels of each level, from half the image's size down by powers of two. The first costs most of the time."""
 
     def __post_init__(self) -> None:
@@ -84,8 +84,8 @@ class SslePhaseConfig(NetworkConfig):
     """Sizes of `ssle-phase`."""
 
     form: ClassVar[str] = "laploop-ssle-phase-3"
-    reader: CompactConfig = CompactConfig()
-    """The first part."""
+    reader: CompactConfig = CompactConfig(widths=(16, 48, 64, 96, 128))
+    """The first part; the shipped weights have one that is narrower than `compact`."""
     refiner_widths: tuple[Channels, ...] = (48, 64, 96, 128, 160)
     """Channels of each level of the refiner, from half the image's size down by powers of two."""
 

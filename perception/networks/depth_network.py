@@ -30,6 +30,8 @@ class PhaseOutput:
     turns: Tensor
     """Turns of phase, b / (tau Z)."""
     depth_mm: Tensor
+    coarse_mm: Tensor
+    """Depth that does not follow from the phase: it picks the stripe order, and replaces a phase of no use."""
     log_scale: Tensor
     """Natural logarithm of the scale in millimetres of a Laplace distribution around `depth_mm`, of pixels that do not slip."""
     slip_logit: Tensor

@@ -41,5 +41,5 @@ class SslePhase(DepthNetwork):
     def refine(self, seen: PhaseFeatures, reading: PhaseReading, filters: PhaseFilters) -> PhaseOutput:
         """Correct a reading; no gradient goes into it."""
         better = self.refiner(seen, reading, self.compact.front, filters)
-        output: PhaseOutput = self.triangulation(better.turns, better.log_scale, better.slip_logit, filters.turns_metre)
+        output: PhaseOutput = self.triangulation(better, filters.turns_metre)
         return output

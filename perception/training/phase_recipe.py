@@ -101,7 +101,8 @@ def phase_loss(output: PhaseOutput, truth_mm: Tensor, training: PhaseTraining) -
     The sum of
 
     - the negative log-likelihood of a Laplace distribution, |error| / scale + ln(scale), where the depth is no slip,
-    - the absolute error in millimetres where depth is learned,
+    - the absolute error in millimetres where depth is learned, and that of the coarse depth, which few pixels would teach
+      otherwise,
     - the cross-entropy of being a slip, over all pixels,
     - the cross-entropy of being within 1 mm, where the depth is no slip.
     """
@@ -118,6 +119,7 @@ def phase_loss(output: PhaseOutput, truth_mm: Tensor, training: PhaseTraining) -
     total = (
         _mean(likelihood, known & (error.detach() <= SLIP_FRACTION * truth))
         + training.l1_weight * absolute
+        + training.coarse_weight * _mean((output.coarse_mm - truth).abs(), known)
         + training.slip_weight * slip
         + training.within_weight * _mean(within, ~slipped)
     )

@@ -174,6 +174,8 @@ class PhaseTraining:
     schedule: Schedule = _muon(epochs=12)
     l1_weight: Weight = 0.3
     """Weight of the absolute error in millimetres beside the Laplace likelihood, which cares little for the worst pixels."""
+    coarse_weight: Weight = 0.03
+    """Weight of the absolute error of the coarse depth, in millimetres."""
     slip_weight: Weight = 3.0
     """Weight of the cross-entropy of being a slip; slips are rare, and each of them counts."""
     within_weight: Weight = 0.3

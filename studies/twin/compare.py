@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -84,6 +85,25 @@ class TwinComparison:
         """Width of the shadow's border from a tenth to nine tenths of the light, of the stripe camera and the path tracer."""
         ours, theirs = (_fall_px(image.mean(axis=0)) for image in (self.shadow.camera, self.shadow.twin))
         return ours, theirs
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what was measured, as plain data."""
+        contrasts = zip(PLANE_DISTANCES_MM, self.contrasts.tolist(), strict=True)
+        return {
+            "contrast": [{"distance_mm": mm, "stripe_camera": ours, "path_tracer": theirs} for mm, (ours, theirs) in contrasts],
+            "scenes": [self._scene_row(compared) for compared in self.scenes],
+            "penumbra_px": dict(zip(("stripe_camera", "path_tracer"), self.penumbra_px, strict=True)),
+        }
+
+    def _scene_row(self, compared: SceneComparison) -> dict[str, Any]:
+        offsets = np.abs(compared.edge_offsets_px(self.period_px))
+        return {
+            "scene": compared.scene.name,
+            "brightness": compared.brightness,
+            "edges": len(offsets),
+            "edge_median_px": float(np.median(offsets)),
+            "edge_p95_px": float(np.percentile(offsets, 95)),
+        }
 
 
 def compare_with_twin(progress: Callable[[float], None] | None = None) -> TwinComparison:

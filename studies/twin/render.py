@@ -10,6 +10,7 @@ import math
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 from scipy.special import erf
 
@@ -44,10 +45,11 @@ def render_twin(
     rows: tuple[int, int],
     points: int = 61,
     samples: int = 4,
+    bounces: int = 1,
 ) -> Array:
     """Return the expected photo-electrons of rows of the image, (rows, width).
 
-    Mitsuba traces direct light on diffuse surfaces; the spread under surfaces, the lens's fall-off and point spread follow in
+    Mitsuba traces light on diffuse surfaces; the spread under surfaces, the lens's fall-off and point spread follow in
     numpy, by sums over neighbouring pixels where the stripe camera has filters of its own.
 
     Args:
@@ -58,41 +60,52 @@ def render_twin(
         rows: First row and the row behind the last.
         points: Point projectors on the aperture.
         samples: Square number of rays a pixel for each of them.
+        bounces: Surfaces that light meets on its way at most; 1 for direct light.
 
     Raises:
         InvalidValueError: If Mitsuba is not installed, or the optics have what the judge leaves out.
     """
     check_mitsuba()
     if optics.cavity_fraction > 0.0:
-        raise InvalidValueError("cavity_fraction", optics.cavity_fraction, "0: the judge traces direct light")
+        raise InvalidValueError("cavity_fraction", optics.cavity_fraction, "0: the path tracer has no cavity")
     import mitsuba as mi
 
     mi.set_variant(_VARIANT)
-    white = {"type": "rgb", "value": 1.0}
-    mesh = _mesh(mi, geometry, white)
+    table = optics.material_table
+    if bounces == 1:
+        mesh = _mesh(mi, geometry, {"type": "rgb", "value": 1.0})
+        integrator: dict[str, Any] = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
+    else:
+        mesh = _mesh(mi, geometry, _ATTRIBUTE, _vertex_albedo(geometry, table))
+        integrator = {"type": "path", "max_depth": 1 + bounces, "rr_depth": 1 + bounces}
     sensor = _sensor(mi, rig, rows, samples)
     total = np.zeros((rows[1] - rows[0], rig.camera.width))
     for point in aperture_points(0.5 * optics.projector_aperture_m, points):
         emitter = _projector(mi, rig, optics, point, points)
-        scene = mi.load_dict({"type": "scene", "integrator": _DIRECT, "sensor": sensor, "projector": emitter, "mesh": mesh})
-        # The reflectance is 1: what comes back is irradiance over pi.
+        scene = mi.load_dict({"type": "scene", "integrator": integrator, "sensor": sensor, "projector": emitter, "mesh": mesh})
         total += np.asarray(mi.render(scene), dtype=np.float64)[..., 0]
     part = slice(*rows)
-    irradiance = math.pi * total
     object_id, depth = view.object_id[part], 1e-3 * view.depth_mm[part].astype(np.float64)
     rays = rig.camera.rays[part]
-    ((_, sigma),) = optics.tissue.subsurface.gaussians
-    if sigma > 0.0 and (object_id == ObjectId.TISSUE).any():
-        normals = view.normals[part].astype(np.float64)
-        irradiance = _spread(irradiance, object_id == ObjectId.TISSUE, depth[..., None] * rays, normals, rays, sigma, rig)
-    albedo = optics.material_table[object_id, 0] * _albedo_factors(mi, geometry, sensor)
+    albedo = table[object_id, 0] * _albedo_factors(mi, geometry, sensor)
+    # What comes back is irradiance times reflectance over pi.
+    reflectance = 1.0 if bounces == 1 else np.maximum(albedo, 1e-6)
+    irradiance = math.pi * total / reflectance
+    tissue = object_id == ObjectId.TISSUE
+    if optics.tissue.subsurface.profile != "none" and tissue.any():
+        normals, position = view.normals[part].astype(np.float64), depth[..., None] * rays
+        parts = [
+            weight * _spread(irradiance, tissue, position, normals, rays, sigma, rig)
+            for weight, sigma in optics.tissue.subsurface.gaussians
+        ]
+        irradiance = np.sum(parts, axis=0)
     cosine = 1.0 / np.linalg.norm(rays, axis=-1)
     electrons = albedo / math.pi * irradiance * cosine**optics.vignetting_exponent * optics.electrons_per_radiance
     blurred: Array = gaussian_filter(electrons, optics.lens_blur_px, mode="reflect")
     return blurred
 
 
-_DIRECT = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
+_ATTRIBUTE = {"type": "mesh_attribute", "name": "vertex_albedo"}
 
 
 def aperture_points(radius_m: float, count: int) -> Array:
@@ -190,8 +203,8 @@ def _sensor(mi: Any, rig: Rig, rows: tuple[int, int], samples: int) -> Any:
     )
 
 
-def _mesh(mi: Any, geometry: SceneGeometry, reflectance: dict[str, Any]) -> Any:
-    """Return the scene's triangles with smooth normals of Mitsuba's own, and the albedo's factor at the vertices."""
+def _mesh(mi: Any, geometry: SceneGeometry, reflectance: dict[str, Any], vertex_albedo: Array | None = None) -> Any:
+    """Return the scene's triangles with smooth normals of Mitsuba's own, and at the vertices an albedo, or its factor alone."""
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict({"type": "twosided", "bsdf": {"type": "diffuse", "reflectance": reflectance}})
     mesh = mi.Mesh(
@@ -201,7 +214,8 @@ def _mesh(mi: Any, geometry: SceneGeometry, reflectance: dict[str, Any]) -> Any:
         has_vertex_normals=True,
         props=properties,
     )
-    mesh.add_attribute("vertex_albedo", 1, geometry.albedo_factor.astype(np.float32))
+    values = geometry.albedo_factor if vertex_albedo is None else vertex_albedo
+    mesh.add_attribute("vertex_albedo", 1, values.astype(np.float32))
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = geometry.points.astype(np.float32).ravel()
     parameters["faces"] = geometry.triangles.astype(np.uint32).ravel()
@@ -214,11 +228,18 @@ def _albedo_factors(mi: Any, geometry: SceneGeometry, sensor: Any) -> Array | fl
     """Return the mean of the albedo's factor over each pixel."""
     if np.ptp(geometry.albedo_factor) == 0.0:
         return float(geometry.albedo_factor[0])
-    mesh = _mesh(mi, geometry, {"type": "mesh_attribute", "name": "vertex_albedo"})
+    mesh = _mesh(mi, geometry, _ATTRIBUTE)
     integrator = {"type": "aov", "aovs": "factor:albedo"}
     scene = mi.load_dict({"type": "scene", "integrator": integrator, "sensor": sensor, "mesh": mesh})
     factors: Array = np.asarray(mi.render(scene), dtype=np.float64)[..., -1]
     return factors
+
+
+def _vertex_albedo(geometry: SceneGeometry, materials: NDArray[np.float32]) -> Array:
+    """Return the albedo at each vertex; no triangles of two kinds share one."""
+    albedo = np.zeros(len(geometry.points))
+    albedo[geometry.triangles.ravel()] = np.repeat(materials[geometry.object_ids, 0], 3)
+    return albedo * geometry.albedo_factor
 
 
 def _spread(

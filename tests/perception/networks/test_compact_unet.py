@@ -17,6 +17,7 @@ from laploop.perception.geometry import Rig
 from laploop.perception.inference.torch_runner import has_fast_bf16
 from laploop.perception.networks.compact_unet import CompactUNet, Triangulation
 from laploop.perception.networks.configs import CompactConfig
+from laploop.perception.networks.phase_reader import PhaseReading
 
 SMALL = CompactConfig(widths=(8, 12, 16))
 PLANE_MM = 90.0
@@ -84,20 +85,25 @@ def test_same_seed_gives_the_same_weights():
     assert all(torch.equal(first[name], second[name]) for name in first)
 
 
+def reading(turns, log_scale, slip_logit):
+    log_scale, slip_logit = (torch.as_tensor(values).expand_as(turns) for values in (log_scale, slip_logit))
+    return PhaseReading(turns=turns, coarse_turns=turns, log_scale=log_scale, slip_logit=slip_logit)
+
+
 def test_scale_in_millimetres_follows_the_slope_of_the_triangulation():
     metre = torch.tensor([[[0.0866]]])
     turns = metre / torch.tensor([[[0.07, 0.1, 0.13]]])
-    output = Triangulation()(turns, torch.full_like(turns, -5.0), torch.zeros_like(turns), metre)
+    output = Triangulation()(reading(turns, -5.0, 0.0), metre)
     step = 1e-4
-    moved = Triangulation()(turns - step, torch.full_like(turns, -5.0), torch.zeros_like(turns), metre)
+    moved = Triangulation()(reading(turns - step, -5.0, 0.0), metre)
     slope = (moved.depth_mm - output.depth_mm) / step
     torch.testing.assert_close(output.log_scale.exp(), np.exp(-5.0) * slope, rtol=1e-2, atol=0.0)
 
 
 def test_confidence_falls_with_the_scale_and_with_the_odds_of_a_slip():
     metre, turns = torch.tensor([[[0.0866]]]), torch.full((1, 1, 3), 0.9)
-    scales = Triangulation()(turns, torch.tensor([[[-6.0, -5.0, -4.0]]]), torch.full_like(turns, -4.0), metre).confidence
-    slips = Triangulation()(turns, torch.full_like(turns, -5.0), torch.tensor([[[-4.0, 0.0, 4.0]]]), metre).confidence
+    scales = Triangulation()(reading(turns, [[[-6.0, -5.0, -4.0]]], -4.0), metre).confidence
+    slips = Triangulation()(reading(turns, -5.0, [[[-4.0, 0.0, 4.0]]]), metre).confidence
     for confidence in (scales[0, 0], slips[0, 0]):
         assert confidence[0] > confidence[1] > confidence[2]
 

@@ -10,13 +10,14 @@ from laploop.perception.networks.depth_network import PhaseOutput
 from laploop.perception.training.phase_recipe import phase_loss
 from laploop.perception.training.settings import PhaseTraining
 
-TRAINING = PhaseTraining(l1_weight=0.5, slip_weight=2.0, within_weight=0.25)
+TRAINING = PhaseTraining(l1_weight=0.5, coarse_weight=0.2, slip_weight=2.0, within_weight=0.25)
 
 
-def output(depth_mm, log_scale=0.0, slip_logit=0.0, within_logit=0.0):
+def output(depth_mm, coarse_mm=None, log_scale=0.0, slip_logit=0.0, within_logit=0.0):
     depth = torch.tensor([[depth_mm]])
+    coarse = torch.tensor([[coarse_mm or depth_mm]])
     scale, slip, within = (torch.full_like(depth, value) for value in (log_scale, slip_logit, within_logit))
-    return PhaseOutput(turns=depth, depth_mm=depth, log_scale=scale, slip_logit=slip, within_logit=within)
+    return PhaseOutput(turns=depth, depth_mm=depth, coarse_mm=coarse, log_scale=scale, slip_logit=slip, within_logit=within)
 
 
 def entropy(logit, label):
@@ -25,12 +26,13 @@ def entropy(logit, label):
 
 
 def test_loss_of_pixels_that_do_not_slip_by_hand():
-    found = output([100.0, 90.0], log_scale=1.0, slip_logit=-3.0, within_logit=0.4)
+    found = output([100.0, 90.0], [101.0, 85.5], log_scale=1.0, slip_logit=-3.0, within_logit=0.4)
     loss = phase_loss(found, torch.tensor([[[103.0, 89.5]]]), TRAINING)
     likelihood = 0.5 * (3.0 + 0.5) / math.e + 1.0
     absolute = 0.5 * (3.0 + 0.5)
     within = 0.5 * (entropy(0.4, False) + entropy(0.4, True))
-    wanted = likelihood + 0.5 * absolute + 2.0 * entropy(-3.0, False) + 0.25 * within
+    coarse = 0.5 * (2.0 + 4.0)
+    wanted = likelihood + 0.5 * absolute + 0.2 * coarse + 2.0 * entropy(-3.0, False) + 0.25 * within
     assert float(loss.total) == pytest.approx(wanted, rel=1e-5)
     assert float(loss.parts["mae_mm"]) == pytest.approx(absolute)
 
@@ -38,7 +40,7 @@ def test_loss_of_pixels_that_do_not_slip_by_hand():
 @pytest.mark.parametrize("truth_mm", [math.nan, 25.0, 141.0, 59.0, 115.0])
 def test_slips_are_what_has_no_truth_in_the_working_range_or_is_off_by_a_tenth(truth_mm):
     found = output([100.0], slip_logit=1.5)
-    loss = phase_loss(found, torch.tensor([[[truth_mm]]]), replace(TRAINING, l1_weight=0.0))
+    loss = phase_loss(found, torch.tensor([[[truth_mm]]]), replace(TRAINING, l1_weight=0.0, coarse_weight=0.0))
     # No likelihood of a slip's error, and no odds of it being within a millimetre.
     assert float(loss.total) == pytest.approx(2.0 * entropy(1.5, True), rel=1e-5)
 

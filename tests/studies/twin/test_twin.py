@@ -1,14 +1,20 @@
 import importlib.util
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from laploop.assets.scope_optics import ScopeOptics
+from laploop.envs.sensors.optics.camera_response import CameraResponse
+from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.errors import InvalidValueError
+from laploop.perception.geometry import Rig
 from laploop.studies.twin import render
 from laploop.studies.twin.compare import SceneComparison, compare_with_twin
 from laploop.studies.twin.figure import draw_twin
-from laploop.studies.twin.render import aperture_points, check_mitsuba
-from laploop.studies.twin.scene import plane_scene
+from laploop.studies.twin.light import digitised, lights
+from laploop.studies.twin.render import aperture_points, check_mitsuba, render_twin
+from laploop.studies.twin.scene import fold_scene, plane_scene, twin_optics
 
 
 def test_points_fill_the_aperture_evenly():
@@ -54,3 +60,36 @@ def test_the_stripe_camera_makes_the_path_tracers_image(tmp_path):
     assert ours_px == pytest.approx(theirs_px, rel=0.05)
     draw_twin(found, "title", tmp_path / "twin.png")
     assert (tmp_path / "twin.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.skipif(importlib.util.find_spec("mitsuba") is None, reason="needs the extra 'twin'")
+def test_a_path_of_several_bounces_is_brighter_in_a_fold_and_as_bright_on_a_plane():
+    rig, optics = Rig.from_optics(ScopeOptics()), twin_optics()
+
+    def brightness(scene):
+        camera = StripeCamera(rig, optics)
+        camera.attach_geometry(scene.geometry)
+        view = camera.exact(None, np.eye(4))
+        camera.close()
+        options = {"rows": (124, 132), "points": 7}
+        direct = render_twin(rig, optics, scene.geometry, view, **options)
+        return render_twin(rig, optics, scene.geometry, view, bounces=3, **options).mean() / direct.mean()
+
+    assert brightness(plane_scene(80)) == pytest.approx(1.0, abs=0.005)
+    assert 1.02 < brightness(fold_scene()) < 1.4
+
+
+def test_grey_values_follow_the_response_and_the_noise():
+    optics = replace(twin_optics(), response=CameraResponse(gamma=2.0))
+    electrons = np.full((300, 300), 0.25 * optics.full_well_electrons)
+    grey = digitised(electrons, optics, np.random.default_rng(0))
+    assert grey.mean() == pytest.approx(127.5, abs=0.3)
+    linear = digitised(electrons, twin_optics(), np.random.default_rng(0)).astype(np.float64)
+    noise = np.sqrt(electrons[0, 0] + optics.read_noise_electrons**2) / optics.full_well_electrons * 255.0
+    assert linear.std() == pytest.approx(np.hypot(noise, 12.0**-0.5), rel=0.02)
+
+
+def test_lights_differ_from_the_nominal_one():
+    nominal, *others = lights()
+    for light in others:
+        assert light.optics != nominal.optics or light.bounces > 1 or light.vessels, light.name
