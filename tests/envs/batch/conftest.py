@@ -47,9 +47,8 @@ def learner_vector():
         config = with_fidelity(default_config(task, **(changes or {})), "fast")
         theatre = replace(config.loop.theatre, tissue=replace(COARSE, contact_every=2))
         # A seed each, so that the theatres stay the same and targets change.
-        own = [
-            {"config": replace(config, loop=replace(config.loop, theatre=replace(theatre, seed=number)))} for number in range(count)
-        ]
+        theatres = [replace(theatre, seed=number) for number in range(count)]
+        own = [{"config": replace(config, loop=replace(config.loop, theatre=one))} for one in theatres]
         given = {"workers": 1, "perception": "oracle", "observation": observation} | keywords
         name = environment_id(task, 1)
         made.append(gym.make_vec(name, num_envs=count, vectorization_mode="vector_entry_point", each=own, **given))
