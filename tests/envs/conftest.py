@@ -1,4 +1,7 @@
-from dataclasses import fields, replace
+import gc
+import os
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,6 +43,40 @@ def play(env, *, seed, controller=None, watch=None):
             watch(env)
         finished = terminated or truncated
     return infos
+
+
+@dataclass(frozen=True)
+class Held:
+    """What the process holds."""
+
+    memory_mb: float
+    threads: int
+    descriptors: int
+
+    @classmethod
+    def now(cls):
+        gc.collect()
+        pages = int(Path("/proc/self/statm").read_text().split()[1])
+        process = Path("/proc/self")
+        return cls(
+            memory_mb=pages * os.sysconf("SC_PAGE_SIZE") * 1e-6,
+            threads=len(list((process / "task").iterdir())),
+            descriptors=len(list((process / "fd").iterdir())),
+        )
+
+    def grew(self, before):
+        """Return the relative growth of memory since an earlier look."""
+        return self.memory_mb / before.memory_mb - 1.0
+
+    def opened(self, before):
+        """Return how many threads and files more there are than at an earlier look."""
+        return self.threads - before.threads, self.descriptors - before.descriptors
+
+
+@pytest.fixture(scope="session")
+def held():
+    """Look at what the process holds."""
+    return Held.now
 
 
 @pytest.fixture(scope="session")

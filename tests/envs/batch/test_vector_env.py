@@ -217,3 +217,23 @@ def test_what_is_observed_belongs_to_the_caller(three):
     three.step(np.full((3, 3), 0.02, np.float32))
     for key, values in first.items():
         np.testing.assert_array_equal(values, kept[key])
+
+
+def test_learners_are_named_by_a_bad_action_and_go_on_after_it(learner_vector):
+    vector = learner_vector(3)
+    vector.reset(seed=0)
+    bad = STILL.copy()
+    bad[1, 2] = np.nan
+    with pytest.raises(InvalidValueError, match=r"environment 1: action is \[0.0, 0.0, nan\]; allowed: 3 finite numbers"):
+        vector.step(bad)
+    *_, infos = vector.step(STILL)
+    assert seen_time(infos) == pytest.approx([0.08] * 3)
+
+
+def test_learners_may_hold_where_an_action_is_bad(learner_vector):
+    vector = learner_vector(3, changes={"bad_action": "hold"})
+    vector.reset(seed=0)
+    bad = np.ones((3, 3), np.float32)
+    bad[1] = np.nan
+    *_, infos = vector.step(bad)
+    assert infos["fault"].tolist() == [None, "action_not_finite", None]
