@@ -13,7 +13,6 @@ from PIL import Image
 
 from laploop.errors import OutputError
 
-
 VIDEO_SUFFIXES = (".mp4", ".webp")
 """Of the kinds of files that can be written."""
 
@@ -34,8 +33,8 @@ class VideoWriter(Protocol):
 def video_writer(path: Path, *, size: tuple[int, int], fps: float) -> Iterator[VideoWriter]:
     """Write an MP4 file or an animated WebP picture while the block runs.
 
-    MP4 is H.264 where imageio-ffmpeg is installed, MPEG-4 otherwise. An animated picture repeats for ever, has at most 12.5 pictures a
-    second, of two thirds of the size, and is held in memory until the block ends.
+    MP4 is H.264 where imageio-ffmpeg is installed, MPEG-4 otherwise. An animated picture repeats for ever, has at most 12.5
+    pictures a second, of two thirds of the size, and is held in memory until the block ends.
 
     Args:
         path: Of the file; its name must end in .mp4 or .webp.

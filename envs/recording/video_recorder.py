@@ -28,7 +28,7 @@ _MARK = (60, 220, 90)
 
 
 class VideoRecorder(Recorder):
-    """Writes an MP4 file or an animated WebP picture in simulated time, a picture a frame of the camera, rendered by the ray caster.
+    """Writes an MP4 file or an animated WebP picture in simulated time, from the frames of the camera, by the ray caster.
 
     It goes to a hidden file beside `path`, which gets its name when the recorder is closed.
     """

@@ -1,11 +1,15 @@
-"""The comparison with the path tracer on one page: both images, their difference, contrast, and the border of a shadow."""
+"""The comparison with the path tracer on one page: both images, their difference, contrast, and the border of a shadow.
 
+`python -P -m laploop.studies.twin.figure docs/pictures/twin.png` draws it; it needs the extra `twin`.
+"""
+
+import sys
 from pathlib import Path
 
 import numpy as np
 
 from laploop.studies.figure_style import BLUE, RED, draw_grid, figure_page, hide_frame
-from laploop.studies.twin.compare import TwinComparison
+from laploop.studies.twin.compare import TwinComparison, compare_with_twin
 from laploop.studies.twin.scene import PLANE_DISTANCES_MM
 
 
@@ -42,3 +46,7 @@ def draw_twin(found: TwinComparison, title: str, path: Path | str) -> None:
             axis.set_ylim(bottom=0.0)
             draw_grid(axis)
         rest.set_axis_off()
+
+
+if __name__ == "__main__":
+    draw_twin(compare_with_twin(), "The stripe camera and a path tracer", Path(sys.argv[1]))
