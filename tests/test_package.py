@@ -90,6 +90,6 @@ def test_the_installed_viewer_serves_a_page(installed, laploop):
 
 def test_installed_models_are_measured_on_pairs_that_were_collected_there(laploop):
     command, place = laploop
-    command("collect", "--pairs", "3", "--tissues", "3", "--workers", "1", "--out", "pairs")
+    command("collect", "--pairs", "3", "--tissues", "3", "--workers", "1", "--calibration-views", "5", "--out", "pairs")
     command("evaluate", "--dataset", "pairs", "--models", "phase", "compact", "--out", "table")
     assert "compact" in (place / "table" / "depth.md").read_text()

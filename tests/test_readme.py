@@ -31,4 +31,5 @@ def test_the_animation_of_the_readme_is_small_and_shows_some_seconds():
     with Image.open(ROOT / name) as picture:
         pictures = picture.n_frames
         picture.seek(1)
+        picture.load()
         assert 4.0 <= 1e-3 * pictures * picture.info["duration"] <= 6.0
