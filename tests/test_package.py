@@ -81,10 +81,12 @@ def test_the_installed_viewer_serves_a_page(installed, laploop):
     command("run", "--perception", "oracle", "--seconds", "0.2", "--out", "seen")
     words = [installed / "laploop", "view", "--web", "seen"]
     with subprocess.Popen(words, cwd=place, stdout=subprocess.PIPE, text=True) as viewer:  # noqa: S603
-        address = viewer.stdout.readline().strip()
-        with urllib.request.urlopen(address, timeout=30) as page:  # noqa: S310  our own
-            assert b"rerun" in page.read().lower()
-        viewer.send_signal(signal.SIGINT)
+        try:
+            address = viewer.stdout.readline().strip()
+            with urllib.request.urlopen(address, timeout=30) as page:  # noqa: S310  our own
+                assert b"rerun" in page.read().lower()
+        finally:
+            viewer.send_signal(signal.SIGINT)
         assert viewer.wait(30) == 130
 
 
