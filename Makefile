@@ -104,6 +104,7 @@ results: $(DEV)
 	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
 	$(BIN)/python -P -m laploop.studies.learners.returns $(RESULTS)/learner-returns.json
 	$(BIN)/python -P -m laploop.studies.synthesis.worlds_figure docs/pictures/worlds.png
+	$(BIN)/laploop run --task reach --motion breathing --hold-s 4 --seconds 5.6 --no-rerun --video docs/pictures/run.webp --out runs/animation
 	$(BIN)/python -P -m laploop.studies.readme.frames_figure docs/pictures/frames.png
 	$(BIN)/python -P -m laploop.studies.readme.sensor_figure $(RESULTS) docs/pictures/sensor.png
 	$(BIN)/python -P -m laploop.studies.readme.results_page $(RESULTS) README.md

@@ -1,8 +1,10 @@
 """What users install: sdist and wheel, built and tried outside the repository."""
 
 import json
+import signal
 import subprocess
 import sys
+import urllib.request
 import zipfile
 from pathlib import Path
 
@@ -33,14 +35,63 @@ def test_the_wheel_through_the_sdist_is_the_wheel_from_the_clone(wheels):
         assert f"laploop/{folder}/__init__.py" in direct
 
 
-def test_an_installed_wheel_works_outside_the_repository(wheels, tmp_path):
-    environment, place = tmp_path / "environment", tmp_path / "elsewhere"
-    place.mkdir()
-    run(sys.executable, "-m", "venv", environment, cwd=tmp_path)
-    python, laploop = environment / "bin" / "python", environment / "bin" / "laploop"
+@pytest.fixture(scope="module")
+def installed(wheels, tmp_path_factory):
+    """Install the wheel into an empty environment, and return its folder of programs."""
+    environment = tmp_path_factory.mktemp("environment")
+    run(sys.executable, "-m", "venv", environment, cwd=environment)
+    programs = environment / "bin"
     install = ("install", "--quiet", "--disable-pip-version-check", "--constraint", ROOT / "constraints.txt", wheels[1])
-    run(python, "-m", "pip", *install, cwd=place)
-    assert "commands:" in run(laploop, "--help", cwd=place, capture_output=True).stdout
-    run(python, "-c", "import laploop.envs; laploop.envs.EpisodeConfig()", cwd=place)
-    run(laploop, "run", "--task", "reach", "--seconds", "1", "--out", place / "run", cwd=place, capture_output=True)
-    assert json.loads((place / "run" / "summary.json").read_text())["sim_s"] >= 1.0
+    run(programs / "python", "-m", "pip", *install, cwd=environment)
+    return programs
+
+
+@pytest.fixture(scope="module")
+def laploop(installed, tmp_path_factory):
+    """Return what runs the installed command in a folder outside the repository and returns what it printed."""
+    place = tmp_path_factory.mktemp("elsewhere")
+    return lambda *arguments: run(installed / "laploop", *arguments, cwd=place, capture_output=True).stdout, place
+
+
+def test_the_installed_package_imports_and_explains_itself(installed, laploop, tmp_path):
+    command, _ = laploop
+    assert "commands:" in command("--help")
+    run(installed / "python", "-c", "import laploop.envs; laploop.envs.EpisodeConfig()", cwd=tmp_path)
+
+
+def test_the_installed_doctor_finds_nothing_bad(laploop):
+    command, _ = laploop
+    found = json.loads(command("doctor", "--json"))
+    assert {name for name, check in found.items() if check["verdict"] == "bad"} == set()
+    assert "of real time" in found["loop"]["found"]
+
+
+def test_the_installed_demo_and_a_run_write_their_recordings(laploop):
+    command, place = laploop
+    command("demo")
+    assert json.loads((place / "laploop-demo" / "summary.json").read_text())["success"]
+    command("run", "--task", "track", "--seconds", "1", "--out", "run")
+    assert json.loads((place / "run" / "summary.json").read_text())["sim_s"] == 1.0
+    for folder in ("laploop-demo", "run"):
+        assert (place / folder / "recording.rrd").stat().st_size > 100_000
+
+
+def test_the_installed_viewer_serves_a_page(installed, laploop):
+    command, place = laploop
+    command("run", "--perception", "oracle", "--seconds", "0.2", "--out", "seen")
+    words = [installed / "laploop", "view", "--web", "seen"]
+    with subprocess.Popen(words, cwd=place, stdout=subprocess.PIPE, text=True) as viewer:  # noqa: S603
+        try:
+            address = viewer.stdout.readline().strip()
+            with urllib.request.urlopen(address, timeout=30) as page:  # noqa: S310  our own
+                assert b"rerun" in page.read().lower()
+        finally:
+            viewer.send_signal(signal.SIGINT)
+        assert viewer.wait(30) == 130
+
+
+def test_installed_models_are_measured_on_pairs_that_were_collected_there(laploop):
+    command, place = laploop
+    command("collect", "--pairs", "3", "--tissues", "3", "--workers", "1", "--calibration-views", "5", "--out", "pairs")
+    command("evaluate", "--dataset", "pairs", "--models", "phase", "compact", "--out", "table")
+    assert "compact" in (place / "table" / "depth.md").read_text()

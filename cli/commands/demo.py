@@ -17,7 +17,8 @@ _EPISODE = ("--task", "reach", "--perception", "compact", "--motion", "breathing
 class DemoArguments:
     """Touch a point on breathing tissue, and hold it for four seconds; leaves a recording, a picture and a summary.
 
-    It is a `laploop run` with options of its own; the exit status is 1 if the point was not held.
+    Short for `laploop run --task reach --perception compact --motion breathing --hold-s 4`, but the exit status is 1 if the
+    point was not held.
     """
 
     out: Path = Path("laploop-demo")

@@ -40,7 +40,8 @@ class RunArguments:
     live: bool = False
     """Show the recording while it is made: in the viewer that listens at 127.0.0.1:9876, or in a window of a new one."""
     video: Path | None = None
-    """MP4 file to write what the scope sees, its depth and the theatre to, side by side, in simulated time."""
+    """File to write what the scope sees, its depth and the theatre to, side by side, in simulated time: a video (.mp4), or an
+    animated picture for a page (.webp), which has half the rate and two thirds of the size."""
     trace_out: Path | None = None
     """JSON file to write the times of all frames and commands to, as Chrome trace events; https://ui.perfetto.dev opens it."""
 

@@ -14,15 +14,12 @@ from laploop.envs.recording.viewer import page, recording_in, show_in_window
 
 @dataclass(frozen=True, kw_only=True)
 class ViewArguments:
-    """Open a recording in Rerun's viewer: in a window, or with --web as a page of this machine alone, until Ctrl-C.
-
-    Without a recording, the page waits for one that `laploop run --live` streams.
-    """
+    """Open a recording in Rerun's viewer: in a window, or with --web as a page of this machine alone, until Ctrl-C."""
 
     run: tyro.conf.Positional[Path | None] = None
-    """Folder of a run, or its recording (.rrd)."""
+    """Folder of a run, or its recording (.rrd); without one, the page waits for `laploop run --live`."""
     web: bool = False
-    """Serve a page at 127.0.0.1, and print its address, in place of a window."""
+    """Serve a page at 127.0.0.1, and print its address, instead of opening a window."""
     port: int | None = None
     """Port of the page; by default 9090, or a free one where that is taken."""
 

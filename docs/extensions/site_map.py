@@ -36,6 +36,7 @@ CONTENTS: dict[str, dict[str, tuple[str, ...]]] = {
             "tutorials/own_phantom",
             "tutorials/latency_study",
             "tutorials/train_network",
+            "tutorials/train_policy",
         ),
     },
     "howto/index": {"": ("own_images", "howto/calibrate_bench", "howto/change_theatre", "howto/cluster")},

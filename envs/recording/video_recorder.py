@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from laploop.envs.recording.picture_colors import ColorScale, key_picture
 from laploop.envs.recording.recorder import DepthRecord, FrameRecord, Recorder, TickRecord
-from laploop.envs.recording.video_file import VideoWriter, video_writer
+from laploop.envs.recording.video_file import VIDEO_SUFFIXES, VideoWriter, video_writer
 from laploop.envs.sensors.overview_camera import OverviewCamera
 from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.geometry import Rig
@@ -28,7 +28,7 @@ _MARK = (60, 220, 90)
 
 
 class VideoRecorder(Recorder):
-    """Writes an MP4 file in simulated time, a picture a frame of the camera, rendered by the ray caster.
+    """Writes an MP4 file or an animated WebP picture in simulated time, from the frames of the camera, by the ray caster.
 
     It goes to a hidden file beside `path`, which gets its name when the recorder is closed.
     """
@@ -37,19 +37,19 @@ class VideoRecorder(Recorder):
         """Check the path.
 
         Args:
-            path: Of the video, in an existing folder; its name ends in .mp4.
+            path: Of the video, in an existing folder; its name ends in .mp4 or .webp.
             camera_hz: Frames of the camera a simulated second.
 
         Raises:
-            InvalidValueError: If the name does not end in .mp4.
+            InvalidValueError: If the name ends in neither.
             OutputError: If the folder does not exist.
         """
         self.path = Path(path)
-        if self.path.suffix != ".mp4":
-            raise InvalidValueError("video", self.path, "the path of an .mp4 file")
+        if self.path.suffix not in VIDEO_SUFFIXES:
+            raise InvalidValueError("video", self.path, "the path of an .mp4 or .webp file")
         if not self.path.parent.is_dir():
             raise OutputError(f"cannot write {self.path}: there is no folder {self.path.parent}")
-        self._partial = self.path.with_name(f".{self.path.stem}.partial.mp4")
+        self._partial = self.path.with_name(f".{self.path.stem}.partial{self.path.suffix}")
         self._fps = camera_hz
         self._open = ExitStack()
         self._writer: VideoWriter | None = None

@@ -27,9 +27,9 @@ def as_report(found: Sequence[Check]) -> dict[str, Any]:
 
 
 def _loop(progress: Callable[[float], None] | None) -> Check:
-    from laploop.envs.episode import run_episode  # slow to import
-
     try:
+        from laploop.envs.episode import run_episode  # slow to import
+
         summary = run_episode(EpisodeConfig.of(task="track", seconds=LOOP_S), progress=progress)
     except Exception as error:  # noqa: BLE001 - whatever is wrong with a machine is a finding
         text = f"{type(error).__name__}: {error}"

@@ -53,6 +53,13 @@ def test_every_link_leads_somewhere(page):
     assert wrong == []
 
 
+def test_the_gallery_has_every_picture_below_a_command_that_draws_it():
+    sections = (DOCS / "pictures.md").read_text().split("\n## ")[1:]
+    shown = [name for section in sections for name in re.findall(r"\]\(pictures/(.+?)\)", section)]
+    assert sorted(shown) == sorted(path.name for path in (DOCS / "pictures").iterdir())
+    assert [section for section in sections if not section.partition("![")[0].count("```sh")] == []
+
+
 def command_lines():
     for page in PAGES:
         for block in blocks_of(page.read_text()):

@@ -1,4 +1,5 @@
 import json
+import sys
 
 from laploop.cli.main import main
 from laploop.studies.doctor import checks, run
@@ -44,6 +45,14 @@ def test_a_loop_that_fails_is_a_finding(monkeypatch):
     monkeypatch.setattr(run, "checks", lambda: iter(()))
     (check,) = run.examine()
     assert (check.verdict, check.found) == ("bad", "RuntimeError: no physics today")
+
+
+def test_a_loop_that_cannot_be_imported_is_a_finding(monkeypatch):
+    monkeypatch.setitem(sys.modules, "laploop.envs.episode", None)
+    monkeypatch.setattr(run, "checks", lambda: iter(()))
+    (check,) = run.examine()
+    assert check.verdict == "bad"
+    assert check.found.startswith("ModuleNotFoundError: ")
 
 
 def test_a_full_disk_is_named(monkeypatch):

@@ -5,6 +5,7 @@ import cv2
 import mujoco
 import numpy as np
 import pytest
+from PIL import Image
 
 from laploop.assets.operating_table import ABDOMINAL_WALL
 from laploop.assets.scope_optics import ScopeOptics
@@ -91,6 +92,23 @@ def test_a_video_plays_a_picture_a_frame_with_scope_depth_and_theatre_side_by_si
     assert last[100:300, 100:300].mean() == pytest.approx(60 * 255 / 64, abs=6)
 
 
+def test_an_animated_picture_has_half_the_pictures_at_two_thirds_of_the_size_and_repeats(tmp_path, theatre):
+    path = tmp_path / "run.webp"
+    with VideoRecorder(path, camera_hz=25.0) as recorder:
+        recorder.begin(theatre, RIG)
+        for index in range(5):
+            recorder.frame(frame(index))
+            recorder.depth(depth(index, 102.0))
+    assert [entry.name for entry in tmp_path.iterdir()] == ["run.webp"]
+    with Image.open(path) as picture:
+        assert (picture.n_frames, picture.size, picture.info["loop"]) == (3, (768, 315), 0)
+        picture.seek(2)
+        last = np.asarray(picture.convert("RGB"), dtype=float)
+        # Frames 0, 2 and 4 of 40 ms.
+        assert (picture.info["timestamp"], picture.info["duration"]) == (160, 80)
+    assert last[70:200, 340:460].mean(axis=(0, 1)) == pytest.approx([253, 231, 37], abs=12)
+
+
 def test_a_recorder_that_never_began_leaves_nothing(tmp_path):
     with VideoRecorder(tmp_path / "run.mp4", camera_hz=25.0):
         pass
@@ -98,7 +116,7 @@ def test_a_recorder_that_never_began_leaves_nothing(tmp_path):
 
 
 def test_paths_that_cannot_be_a_video_are_refused(tmp_path):
-    with pytest.raises(InvalidValueError, match=r"the path of an \.mp4 file"):
+    with pytest.raises(InvalidValueError, match=r"the path of an \.mp4 or \.webp file"):
         VideoRecorder(tmp_path / "run.avi", camera_hz=25.0)
     with pytest.raises(OutputError, match="there is no folder"):
         VideoRecorder(tmp_path / "no" / "run.mp4", camera_hz=25.0)
