@@ -6,10 +6,7 @@ from dataclasses import dataclass, field
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import Inlined, OutputPath, parse
-from laploop.studies.twin.compare import compare_with_twin
-from laploop.studies.twin.figure import draw_twin
-from laploop.studies.twin.light import LightConfig, count_images, measure_light
-from laploop.studies.twin.render import check_mitsuba
+from laploop.studies.twin.config import LightConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +23,12 @@ class TwinArguments:
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     chosen = parse(TwinArguments, arguments, "twin")
+
+    from laploop.studies.twin.compare import compare_with_twin  # slow to import
+    from laploop.studies.twin.figure import draw_twin
+    from laploop.studies.twin.light import count_images, measure_light
+    from laploop.studies.twin.render import check_mitsuba
+
     check_mitsuba()
     with OutputFolder(chosen.out, "twin") as folder:
         with progress_bar("scenes", 1.0) as advance_to:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from laploop.arrays import Array
 from laploop.assets.anatomy.families import family_named
 from laploop.assets.scope_optics import ScopeOptics
-from laploop.configuration import Field, Seed, configuration
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.optics.camera_response import CameraResponse
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
@@ -22,6 +21,7 @@ from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.registry import make_estimator
 from laploop.perception.geometry import Rig
 from laploop.perception.working_range import WORKING_RANGE_MM
+from laploop.studies.twin.config import LightConfig
 from laploop.studies.twin.render import check_mitsuba, render_twin
 from laploop.studies.twin.scene import height_field, twin_optics, with_vessels
 
@@ -29,19 +29,6 @@ _NEAREST_M = 0.075
 """From the camera to the organ's nearest point."""
 _WALL_M = 0.030
 """From the organ's farthest point to the wall behind it."""
-
-
-@configuration
-class LightConfig:
-    """Which organs and networks."""
-
-    organs: tuple[str, ...] = ("bowel-loops", "lobes", "colon", "stomach")
-    """Families of anatomy."""
-    models: tuple[str, ...] = ("compact", "ssle-phase")
-    """Estimators."""
-    points: Annotated[int, Field(ge=7, le=1000)] = 37
-    """Point projectors on the aperture."""
-    seed: Seed = 40
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

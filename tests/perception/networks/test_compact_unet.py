@@ -184,8 +184,8 @@ def test_bfloat16_changes_the_depth_by_hundredths_of_a_millimetre(preset):
     one, other = exact.estimate(image), lowered.estimate(image)
     both = one.valid & other.valid
     apart_mm = np.abs(one.depth_mm - other.depth_mm)[both]
-    assert 0.0 < apart_mm.mean() < 0.02
-    assert np.percentile(apart_mm, 99) < 0.1
+    assert 0.0 < apart_mm.mean() < 0.04
+    assert np.percentile(apart_mm, 99) < 0.2
     assert (one.valid != other.valid).mean() < 0.003
 
 
