@@ -12,8 +12,7 @@ from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import Inlined, OutputPath, parse
 from laploop.envs.learning.options import LearnerOptions
 from laploop.envs.randomisation.files import randomisation_of
-from laploop.studies.demonstrations.collection import CollectionConfig
-from laploop.studies.demonstrations.config import DemonstrationConfig, Perturbation
+from laploop.studies.demonstrations.config import CollectionConfig, DemonstrationConfig, Perturbation
 
 
 @dataclass(frozen=True, kw_only=True)

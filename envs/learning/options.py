@@ -6,8 +6,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from laploop.configuration import Field, configuration
 from laploop.envs.episode_config import EpisodeConfig
 from laploop.envs.fidelity import FidelityName
-from laploop.envs.tasks.observations import DEPTH_MODES
-from laploop.envs.tasks.task_config import ObservationMode, TaskConfig
+from laploop.envs.tasks.task_config import DEPTH_MODES, ObservationMode, TaskConfig
 from laploop.envs.theatre.organ_motion import MotionName
 from laploop.errors import InvalidValueError, UnknownNameError
 

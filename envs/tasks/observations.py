@@ -24,13 +24,10 @@ from numpy.typing import NDArray
 
 from laploop.envs.loop.perception_server import ServedFrame
 from laploop.envs.sensors.object_id import ObjectId
-from laploop.envs.tasks.task_config import ObservationMode
+from laploop.envs.tasks.task_config import DEPTH_MODES, STRIPE_MODES, ObservationMode
 
 Observation = dict[str, Any]
 
-STRIPE_MODES = ("all", "stripes")
-DEPTH_MODES = ("all", "depth")
-"""Modes in which the image and the depth map are observed."""
 MAX_DEPTH_MM = 250.0
 """Largest depth that an observation shows."""
 MAX_AGE_S = 10.0

@@ -11,6 +11,9 @@ ActionMode = Literal["tip-velocity", "tip-offset", "joint-velocity", "residual"]
 
 ObservationMode = Literal["all", "stripes", "depth", "state"]
 """What an observation holds; see `laploop.envs.tasks.observations`."""
+STRIPE_MODES = ("all", "stripes")
+DEPTH_MODES = ("all", "depth")
+"""Modes in which the image and the depth map are observed."""
 
 Weight = Annotated[float, Field(ge=-1e4, le=1e4)]
 Angle = Annotated[float, Field(gt=0.0, le=math.pi / 2)]

@@ -19,9 +19,7 @@ from laploop.envs.recording.recorder import Recorder
 from laploop.envs.sensors.stripe_capture import ExactView
 from laploop.envs.tasks.actions import ActionInterpreter, action_space, checked_action
 from laploop.envs.tasks.observations import (
-    DEPTH_MODES,
     MAX_FORCE_N,
-    STRIPE_MODES,
     Observation,
     bounded,
     depth_observation,
@@ -34,7 +32,7 @@ from laploop.envs.tasks.savable_env import SavableEnv
 from laploop.envs.tasks.steppable_env import Begin, Info, Step
 from laploop.envs.tasks.surface_point import SurfacePoint
 from laploop.envs.tasks.target_choice import checked_pixels, choose_target_pixel
-from laploop.envs.tasks.task_config import TaskConfig
+from laploop.envs.tasks.task_config import DEPTH_MODES, STRIPE_MODES, TaskConfig
 from laploop.envs.tasks.tick_record import tick_record
 from laploop.envs.theatre.physics_call import PhysicsRun
 from laploop.errors import InvalidValueError, SimulationError

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
 from laploop.envs.loop.timing.latency import LONGEST_MS, ConstantLatency, LatencyModel
-from laploop.envs.tasks.observations import DEPTH_MODES, STRIPE_MODES
+from laploop.envs.tasks.task_config import DEPTH_MODES, STRIPE_MODES
 from laploop.envs.wrappers.chain_state import StatefulWrapper, task_of
 from laploop.errors import InvalidValueError, UnknownNameError
 

@@ -3,11 +3,10 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
-from laploop.configuration import Field, Seed, Workers, configuration
 from laploop.errors import InfeasibleError, SimulationError
-from laploop.studies.demonstrations.config import DemonstrationConfig
+from laploop.studies.demonstrations.config import CollectionConfig, DemonstrationConfig
 from laploop.studies.demonstrations.demonstration import demonstrate, one_thread
 from laploop.studies.demonstrations.episode_folder import EpisodeFolder
 from laploop.workers import run_in_workers
@@ -15,24 +14,9 @@ from laploop.workers import run_in_workers
 EPISODES_FOLDER = "episodes"
 
 Outcome = dict[str, Any]
-KeepName = Literal["success", "all"]
 
 _MOST_TRIED = 5
 """Seeds that are tried for each episode wanted, before a collection ends with fewer."""
-
-
-@configuration
-class CollectionConfig:
-    """How many episodes of which kind."""
-
-    episodes: Annotated[int, Field(ge=1, le=1_000_000)] = 50
-    """Episodes in the data set."""
-    keep: KeepName = "success"
-    """Which episodes get into the data set: those in which the expert succeeded, for which further seeds are tried, or all."""
-    seed: Seed = 0
-    """Of the first episode; each further one has the next."""
-    workers: Workers = 1
-    """Processes that run episodes at the same time; the data set does not depend on their number."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,11 +3,11 @@
 import hashlib
 import json
 from importlib.metadata import version
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import JsonValue
 
-from laploop.configuration import Field, configuration, to_plain
+from laploop.configuration import Field, Seed, Workers, configuration, to_plain
 from laploop.envs.learning.options import LearnerOptions
 from laploop.envs.randomisation.files import randomisation_of
 from laploop.envs.tasks.registry import TASKS
@@ -15,6 +15,21 @@ from laploop.errors import InvalidValueError
 from laploop.perception.estimators.registry import check_estimator
 
 Seconds = Annotated[float, Field(gt=0.0, le=60.0)]
+KeepName = Literal["success", "all"]
+
+
+@configuration
+class CollectionConfig:
+    """How many episodes of which kind."""
+
+    episodes: Annotated[int, Field(ge=1, le=1_000_000)] = 50
+    """Episodes in the data set."""
+    keep: KeepName = "success"
+    """Which episodes get into the data set: those in which the expert succeeded, for which further seeds are tried, or all."""
+    seed: Seed = 0
+    """Of the first episode; each further one has the next."""
+    workers: Workers = 1
+    """Processes that run episodes at the same time; the data set does not depend on their number."""
 
 
 @configuration

@@ -10,8 +10,8 @@ import numpy as np
 
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.studies.demonstrations.card import Card
-from laploop.studies.demonstrations.collection import EPISODES_FOLDER, Collection, CollectionConfig, collect
-from laploop.studies.demonstrations.config import DemonstrationConfig
+from laploop.studies.demonstrations.collection import EPISODES_FOLDER, Collection, collect
+from laploop.studies.demonstrations.config import CollectionConfig, DemonstrationConfig
 from laploop.studies.demonstrations.demonstration import make_learner
 from laploop.studies.demonstrations.episode_folder import EpisodeFolder
 from laploop.studies.demonstrations.expert import Expert

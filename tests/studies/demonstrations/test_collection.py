@@ -3,7 +3,8 @@ import pytest
 
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.studies.demonstrations import collection as module
-from laploop.studies.demonstrations.collection import CollectionConfig, collect
+from laploop.studies.demonstrations.collection import collect
+from laploop.studies.demonstrations.config import CollectionConfig
 from laploop.studies.demonstrations.dataset import make_dataset, summarise
 from laploop.studies.demonstrations.episode_folder import EpisodeFolder
 

@@ -7,8 +7,7 @@ from laploop.envs.recording.recorder import NullRecorder
 from laploop.envs.tasks.registry import TASKS
 from laploop.errors import DatasetError, InvalidValueError
 from laploop.studies.demonstrations.card import Card
-from laploop.studies.demonstrations.collection import CollectionConfig
-from laploop.studies.demonstrations.config import Perturbation
+from laploop.studies.demonstrations.config import CollectionConfig, Perturbation
 from laploop.studies.demonstrations.dataset import make_dataset
 from laploop.studies.demonstrations.demonstration import demonstrate, make_learner
 from laploop.studies.demonstrations.expert import Expert
