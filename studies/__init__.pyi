@@ -5,7 +5,7 @@ from .calibration.run import BenchCalibration as BenchCalibration
 from .calibration.run import calibrate_bench as calibrate_bench
 from .characterization.config import CharacterizationConfig as CharacterizationConfig
 from .characterization.run import characterise as characterise
-from .demonstrations.collection import CollectionConfig as CollectionConfig
+from .demonstrations.config import CollectionConfig as CollectionConfig
 from .demonstrations.config import DemonstrationConfig as DemonstrationConfig
 from .demonstrations.config import Perturbation as Perturbation
 from .demonstrations.dataset import make_dataset as make_dataset
