@@ -1,7 +1,7 @@
 """Learn to touch a point of the tissue from the simulator's state, with soft actor-critic (SAC) of stable-baselines3.
 
-Run it with `python examples/learning/sac.py --out runs/sac`. It writes the curve of learning, the policy, and what the policy does
-on tissues that training did not see.
+Run it with `python examples/learning/sac.py --out runs/sac`. It writes the curve of learning, the policy, and what that does on
+tissues that training did not see.
 """
 
 import argparse
@@ -28,7 +28,7 @@ options = parser.parse_args()
 ENVIRONMENT, KEYWORDS = "laploop/Reach-v1", {"observation": "state", "fidelity": "fast"}
 env = gym.make(ENVIRONMENT, **KEYWORDS)
 
-# Rewards are of order one an episode and hundredths a step: the entropy that SAC adds must begin far below its usual weight of 1.
+# Rewards add up to about one an episode, hundredths a step: the entropy in them must begin far below its usual weight of 1.
 network = {"net_arch": [64, 64]}
 model = SAC(
     "MlpPolicy",

@@ -103,7 +103,7 @@ def _score(policy: Policy, env: gym.Env[Any, Any], seed: int) -> EpisodeScore:
 
 
 def summarised(scores: Sequence[EpisodeScore]) -> dict[str, Any]:
-    """Return the rate of success with Wilson's 95 % interval, and the means of the rest with those of the bootstrap over seeds."""
+    """Return the rate of success with Wilson's 95 % interval, and means with the bootstrap's over seeds."""
     successes = sum(score.success for score in scores)
     means: dict[str, Any] = {}
     for name in _QUANTITIES:
