@@ -60,7 +60,7 @@ model = PPO(
     Monitor(env),
     learning_rate=1e-3,
     n_steps=rollout,
-    batch_size=min(128, rollout),
+    batch_size=min(64, rollout),
     gamma=0.97,
     policy_kwargs=network,
     seed=options.seed,

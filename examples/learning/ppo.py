@@ -21,7 +21,7 @@ ENVIRONMENT, KEYWORDS = "laploop:laploop/Reach-v1", {"observation": "state", "fi
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--steps", type=int, default=150_000, help="decisions of 40 ms, of all workers")
+    parser.add_argument("--steps", type=int, default=40_000, help="decisions of 40 ms, of all workers")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--episodes", type=int, default=50, help="of the evaluation")
     parser.add_argument("--workers", type=int, default=1)
@@ -40,13 +40,13 @@ def main():
     )
 
     network = {"net_arch": [64, 64], "log_std_init": -1.0}
-    rollout = max(2, min(2048, options.steps) // options.workers)
+    rollout = max(2, min(1024, options.steps) // options.workers)
     model = PPO(
         "MlpPolicy",
         envs,
         learning_rate=1e-3,
         n_steps=rollout,
-        batch_size=min(128, rollout * options.workers),
+        batch_size=min(64, rollout * options.workers),
         gamma=0.97,
         policy_kwargs=network,
         seed=options.seed,

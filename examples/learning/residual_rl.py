@@ -1,7 +1,7 @@
-"""Teach a controller that predicts nothing to follow moving tissue by depth that is 150 ms late: residual reinforcement learning.
+"""Teach a controller that predicts nothing to follow moving tissue by depth that is 150 ms late: residual learning.
 
-The scripted controller goes where depth shows the target. The learned policy adds a velocity to its command (Johannink et al., ICRA
-2019), so that it begins with what the controller can do and has only the delay to learn. Run it with
+The scripted controller goes where depth shows the target. The learned policy adds a velocity to its command (Johannink et al.,
+ICRA 2019), so that it begins with what the controller can do and has only the delay to learn. Run it with
 `python examples/learning/residual_rl.py --out runs/residual`; the controller alone is evaluated as well, into `base` below.
 """
 
@@ -47,7 +47,7 @@ model = PPO(
     Monitor(env),
     learning_rate=1e-3,
     n_steps=rollout,
-    batch_size=min(128, rollout),
+    batch_size=min(64, rollout),
     gamma=0.97,
     policy_kwargs=network,
     seed=options.seed,

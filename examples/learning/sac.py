@@ -17,7 +17,7 @@ from laploop.studies.learners.evaluation import Training, evaluate, verdict, wri
 from laploop.studies.learners.sb3_policy import load_into
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("--steps", type=int, default=30_000, help="decisions of 40 ms")
+parser.add_argument("--steps", type=int, default=15_000, help="decisions of 40 ms")
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--episodes", type=int, default=50, help="of the evaluation")
 parser.add_argument("--out", type=Path, default=Path("runs/sac"))

@@ -17,15 +17,16 @@ CURVE = "curve.csv"
 
 @dataclass(frozen=True, kw_only=True)
 class CurveRow:
-    """An episode of a training, by its end."""
+    """An episode of a training, by its end, or the mean of several."""
 
     steps: int
     """Of the training so far."""
     wall_s: float
     cpu_s: float
     total_return: float
-    length: int
-    success: int
+    length: float
+    success: float
+    """1 or 0; NaN where the learner does not tell."""
 
 
 class Curve:
@@ -37,7 +38,7 @@ class Curve:
         self._path = folder / CURVE
         self.watch = Stopwatch()
 
-    def add(self, *, steps: int, total_return: float, length: int, success: bool) -> None:
+    def add(self, *, steps: int, total_return: float, length: float, success: float) -> None:
         """Add an episode."""
         self.rows.append(
             CurveRow(
@@ -46,7 +47,7 @@ class Curve:
                 cpu_s=round(self.watch.cpu_s, 2),
                 total_return=round(total_return, 4),
                 length=length,
-                success=int(success),
+                success=success,
             )
         )
 

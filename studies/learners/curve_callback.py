@@ -29,7 +29,7 @@ class CurveCallback(BaseCallback):
                     steps=self.num_timesteps,
                     total_return=float(episode["r"]),
                     length=int(episode["l"]),
-                    success=bool(info["is_success"]),
+                    success=float(info["is_success"]),
                 )
         if self.num_timesteps - self._written >= self._every:
             self._write()

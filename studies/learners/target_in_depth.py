@@ -78,7 +78,7 @@ class TargetInDepth(gym.ObservationWrapper[Float32, Any, dict[str, Any]]):
         return float(change_m[tissue].mean())
 
     def _patch(self, depth_m: Array, pixel: Array) -> tuple[Array, Array]:
-        """Return the point under a pixel and the surface's normal there, towards the camera, by a plane through its surroundings.
+        """Return the point under a pixel, (3,), and the normal there, (3,), of a plane through its surroundings.
 
         Where depth is not valid around it, the whole map has to do for the point, and the view's axis for the normal.
         """
