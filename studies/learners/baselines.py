@@ -1,7 +1,7 @@
 """The table of learners: what the examples reach, over seeds, on episodes that no training saw.
 
-`python -P -m laploop.studies.learners.baselines examples/learning runs/baselines docs/results/baselines.json ppo sac` trains with
-these methods, by default with all, and leaves what the file has of others. A run whose summary is in its folder is not done again.
+`python -P -m laploop.studies.learners.baselines examples/learning runs/baselines docs/results/baselines.json ppo sac` trains
+with these methods, by default with all, and leaves what the file has of others. A run that has a summary is not done again.
 """
 
 import json
@@ -27,6 +27,17 @@ _POINTS = 40
 """Of a curve in the table: each the mean of a part of the training."""
 _KEPT = ("method", "environment", "keywords", "seed", "steps", "wall_s", "cpu_s", "versions", "machine", "evaluation")
 _ROWS = ("success", "total_return", "error_mm", "force_n")
+_HEADS = (
+    "task",
+    "method",
+    "steps",
+    "seeds x episodes",
+    "success (95 %)",
+    "return",
+    "error at the end",
+    "worst force, mean",
+    "training, CPU",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +94,7 @@ def collected(runs: Path) -> dict[str, Any]:
 
 
 def thinned(folder: Path) -> dict[str, list[float | None]]:
-    """Return the curve in a folder in parts of equal numbers of steps: their ends and the means in them, None where nothing is."""
+    """Return the curve in a folder in parts of equal numbers of steps: their ends, and the means in them or None."""
     curve = read_curve(folder)
     if not curve["steps"].size:
         return {name: [] for name in curve}
@@ -100,8 +111,8 @@ def thinned(folder: Path) -> dict[str, list[float | None]]:
 def baselines_table(runs: Mapping[str, Any]) -> str:
     """Return the runs as a Markdown table, a line for each task and method: episodes of all its seeds together."""
     lines = [
-        "| task | method | steps | seeds x episodes | success (95 %) | return | error at the end | worst force, mean | training, CPU |",
-        "|---|---|---|---|---|---|---|---|---|",
+        f"| {' | '.join(_HEADS)} |",
+        "|" + "---|" * len(_HEADS),
     ]
     groups: dict[tuple[str, str], list[Any]] = {}
     for run in runs.values():
