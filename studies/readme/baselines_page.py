@@ -1,7 +1,7 @@
 """The results on the page of the learners, from the committed table of their runs.
 
-`python -P -m laploop.studies.readme.baselines_page docs/results/baselines.json docs/baselines.md` rewrites the block of results; a
-test checks that it is up to date.
+`python -P -m laploop.studies.readme.baselines_page docs/results/baselines.json docs/baselines.md` rewrites the results;
+a test checks that it is up to date.
 """
 
 import json
