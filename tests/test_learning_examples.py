@@ -8,13 +8,15 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+import laploop  # noqa: F401  registers the environments
+
 EXAMPLES = Path(__file__).parents[1] / "examples" / "learning"
-TOLERATED = ("--steps", "16", "--episodes", "1")
+FEW = ("--steps", "16", "--episodes", "1")
 
 
 def run(script, tmp_path, *arguments):
     done = subprocess.run(  # noqa: S603  our own scripts
-        [sys.executable, "-P", str(EXAMPLES / script), *TOLERATED, "--out", str(tmp_path / "out"), *arguments],
+        [sys.executable, "-P", str(EXAMPLES / script), *FEW, "--out", str(tmp_path / "out"), *arguments],
         cwd=tmp_path,
         capture_output=True,
         text=True,
@@ -33,10 +35,15 @@ def check(tmp_path, task, folder="out"):
     assert (tmp_path / folder / "curve.csv").read_text().startswith("steps,wall_s,cpu_s,total_return,length,success\n")
 
 
-def test_sac_runs_and_goes_on_from_its_policy(tmp_path):
+def test_sac_runs(tmp_path):
     run("sac.py", tmp_path)
     check(tmp_path, "laploop/Reach-v1")
-    run("sac.py", tmp_path, "--resume")
+
+
+@pytest.mark.slow
+def test_ppo_goes_on_from_its_policy(tmp_path):
+    run("ppo.py", tmp_path)
+    run("ppo.py", tmp_path, "--resume")
 
 
 @pytest.mark.slow
