@@ -7,12 +7,13 @@ DEV := $(VENV)/.dev
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 SEED ?= 0
 
-.PHONY: demo test test-slow lint types floors pytest package bench results studies baselines clean help
+.PHONY: demo test test-slow lint types floors pytest docs docs-gallery package bench results studies baselines clean help
 
 help:
 	@echo "make demo       run the closed loop on breathing tissue; results in runs/demo"
 	@echo "make test       everything that gates a change"
 	@echo "make test-slow  the long tests"
+	@echo "make docs       build the documentation's site into build/docs"
 	@echo "make package    build sdist and wheel, and try them in an empty environment"
 	@echo "make bench      measure every stage; results in runs/bench"
 	@echo "make results    measure the committed results anew"
@@ -30,10 +31,9 @@ $(DEV): $(CORE)
 	@touch $(DEV)
 
 demo: $(CORE)
-	$(BIN)/laploop run --task reach --perception compact --motion breathing --hold-s 4 --seed $(SEED) --seconds 15 --out runs/demo
-	@$(BIN)/python -P -c 'import json, sys; done = json.load(open("runs/demo/summary.json"))["success"]; sys.exit(0 if done else "the demo run did not succeed")'
+	$(BIN)/laploop demo --seed $(SEED) --out runs/demo
 
-test: lint types floors pytest
+test: lint types floors docs pytest
 
 lint: $(DEV)
 	$(BIN)/ruff check .
@@ -50,6 +50,15 @@ pytest: $(DEV)
 
 test-slow: $(DEV)
 	$(BIN)/pytest -m slow --timeout 3600
+
+SPHINX = $(BIN)/python -P -m sphinx --quiet --fail-on-warning --keep-going
+
+docs: $(DEV)
+	$(SPHINX) -b html docs build/docs
+
+# The same site with the examples run, so that it shows what they print and draw.
+docs-gallery: $(DEV)
+	$(SPHINX) -D plot_gallery=1 -b html docs build/docs
 
 package: $(DEV)
 	$(BIN)/pytest -m slow --timeout 3600 tests/test_package.py
@@ -95,6 +104,8 @@ results: $(DEV)
 	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
 	$(BIN)/python -P -m laploop.studies.learners.returns $(RESULTS)/learner-returns.json
 	$(BIN)/python -P -m laploop.studies.synthesis.worlds_figure docs/pictures/worlds.png
+	$(BIN)/python -P -m laploop.studies.readme.frames_figure docs/pictures/frames.png
+	$(BIN)/python -P -m laploop.studies.readme.sensor_figure $(RESULTS) docs/pictures/sensor.png
 	$(BIN)/python -P -m laploop.studies.readme.results_page $(RESULTS) README.md
 
 # All studies in full, and their pages: several hours on two cores.
@@ -112,4 +123,4 @@ baselines: $(DEV)
 	$(BIN)/python -P -m laploop.studies.readme.baselines_page $(RESULTS)/baselines.json docs/baselines.md
 
 clean:
-	rm -rf $(VENV) runs .pytest_cache .mypy_cache .ruff_cache .import_linter_cache
+	rm -rf $(VENV) build docs/gallery runs .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

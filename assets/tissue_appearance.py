@@ -56,9 +56,13 @@ class AppearanceRanges:
     """Ranges that appearances are drawn from evenly; our choice, for a field with no blood to a sixth of it."""
 
     coverage: Span[Coverage] = (0.0, 0.16)
+    """Fraction of the surface that patches cover."""
     darkness: Span[Darkness] = (0.3, 0.8)
+    """Fraction of the albedo that a patch takes away."""
     patch_size_m: Span[PatchSize] = (0.006, 0.020)
+    """Size of a patch."""
     detail: Span[Detail] = (0.0, 0.10)
+    """Standard deviation of the additional texture, relative to the albedo."""
 
     def __post_init__(self) -> None:
         check_ordered(self)

@@ -29,6 +29,7 @@ class TissueShape:
     floor_m: Height = 0.008
     """Least thickness, at the bottom of the deepest crease."""
     lobe_width_min_m: Length = 0.026
+    """Least width of a lobe."""
     lobe_width_max_m: Length = 0.034
     """Distance between neighbouring crests: that of an inflated small bowel, 25 to 35 mm across."""
     lobe_height_m: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0125
@@ -60,6 +61,7 @@ class TissueMaterial:
     """
 
     young_pa: Annotated[float, Field(ge=100.0, le=1e6)] = 10_000.0
+    """Young's modulus."""
     poisson: Annotated[float, Field(ge=0.0, le=0.49)] = 0.45
     """0.45-0.48 keeps a nearly incompressible solid numerically sound."""
     density: Annotated[float, Field(ge=100.0, le=5000.0)] = 1060.0

@@ -1,5 +1,6 @@
 """A command's output: progress on the standard error stream, results on the standard output."""
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,10 +9,17 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
+_LEAST = 1e-3
+"""Smallest number that results tell: nobody needs a millionth of a millimetre."""
+
 
 @contextmanager
 def progress_bar(what: str, total: float) -> Iterator[Callable[[float], None]]:
-    """Show a progress bar while the block runs, and give the block a function to call with the amount done so far."""
+    """Show a progress bar while the block runs, and give the block a function to call with the amount done so far.
+
+    At the end the bar is full: what was done is all there was to do, as when an episode ends early. Where the block raises, the
+    bar stays where it was, and says so.
+    """
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -22,7 +30,23 @@ def progress_bar(what: str, total: float) -> Iterator[Callable[[float], None]]:
     )
     with Progress(*columns, console=Console(stderr=True)) as progress:
         task = progress.add_task(what, total=total)
-        yield lambda completed: progress.update(task, completed=completed)
+        try:
+            yield lambda completed: progress.update(task, completed=completed)
+        except BaseException:
+            progress.update(task, description=f"{what}, stopped")
+            raise
+        done = progress.tasks[0].completed
+        progress.update(task, completed=done or total, total=done or total)
+
+
+def rounded(value: float) -> str:
+    """Return a number with at least three figures, without exponent; what is below a thousandth is told as that."""
+    if value == 0.0 or not math.isfinite(value):
+        return f"{value:g}"
+    if abs(value) < _LEAST:
+        return f"below {_LEAST:g}" if value > 0.0 else f"above {-_LEAST:g}"
+    text = f"{value:.{max(2 - math.floor(math.log10(abs(value))), 0)}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
 
 
 class ResultTable:
@@ -35,13 +59,13 @@ class ResultTable:
         self._table.add_column()
 
     def row(self, name: str, value: float | str | None, unit: str = "") -> None:
-        """Add a result; numbers are rounded to three figures, None was not measured."""
+        """Add a result; numbers are rounded, None was not measured."""
         if value is None:
             text = "none"
         elif isinstance(value, str):
             text = value
         else:
-            text = f"{value:.3g}" if abs(value) < 1000 else f"{value:.0f}"
+            text = rounded(value)
         self._table.add_row(name, text, unit)
 
     def show(self, folder: Path | None = None) -> None:

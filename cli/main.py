@@ -37,6 +37,10 @@ EXIT_BAD_INPUT = 2
 
 
 COMMANDS = {
+    "demo": "touch a point on breathing tissue; a first look, anywhere",
+    "doctor": "check this machine: versions, caches, display, extras, speed",
+    "view": "open a recording in the viewer, or in the browser",
+    "completion": "print the completion of commands and options for a shell",
     "speed": "time a depth model alone, frame after frame",
     "export": "write a depth network as ONNX",
     "config": "write the configuration of an episode as a file",
@@ -175,6 +179,6 @@ commands:
 {commands}
 
 `laploop <command> --help` lists a command's options; `laploop --version` shows the version.
-Every command writes its artefacts into DIR and, last, DIR/summary.json.
+Commands with --out write their artefacts into DIR and, last, DIR/summary.json. `laploop completion SHELL` completes them all.
 Exit status: 0 done, 1 could not do it, 2 bad input, 130 interrupted, 143 terminated.
 """

@@ -1,10 +1,10 @@
 """Command lines from frozen dataclasses: help with bounds, one line for an error."""
 
+import argparse
 import dataclasses
-import io
 import re
+import warnings
 from collections.abc import Iterable, Sequence
-from contextlib import redirect_stdout, suppress
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -23,6 +23,21 @@ Inlined = Annotated[Arguments, tyro.conf.arg(name="")]
 OutputPath = Annotated[Path, tyro.conf.arg(help="Folder to write to; made where it does not exist.")]
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Option:
+    """An option of a command, in the words of its help."""
+
+    names: tuple[str, ...]
+    """With their dashes; none where it is found by its place."""
+    values: str
+    """What may follow; empty for a switch."""
+    meaning: str
+    """With its bounds."""
+    default: str
+    """Empty where there is none."""
+    required: bool
+
+
 def parse(kind: type[Arguments], arguments: Sequence[str], command: str, default: Arguments | None = None) -> Arguments:
     """Read a command's arguments into a dataclass, where no option says otherwise from `default` or the fields' defaults.
 
@@ -31,7 +46,7 @@ def parse(kind: type[Arguments], arguments: Sequence[str], command: str, default
     """
     chosen, rest = parse_known(kind, arguments, command, default)
     if rest:
-        raise unknown_option(rest[0], options_of(kind))
+        raise unknown_option(rest[0], option_names(kind))
     return chosen
 
 
@@ -43,17 +58,35 @@ def parse_known(
     def refuse(event: tyro_errors.ParseErrorEvent) -> None:
         raise _in_one_line(event, arguments)
 
-    with _BOUNDS_IN_HELP, tyro_errors.on_parse_error(refuse):
+    with BOUNDS_IN_HELP, tyro_errors.on_parse_error(refuse):
         given: Any = tyro.MISSING_NONPROP if default is None else default
         return tyro.cli(kind, args=list(arguments), prog=f"laploop {command}", default=given, return_unknown_args=True)
 
 
-def options_of(kind: type) -> list[str]:
+def options_of(kind: type) -> list[Option]:
+    """Return all options of a command."""
+    with BOUNDS_IN_HELP, warnings.catch_warnings():
+        # Nothing else hands out the parser; hence the bound in pyproject.toml.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        actions = tyro.extras.get_parser(kind)._actions  # noqa: SLF001  argparse has no other way to see them
+    return [_option(action) for action in actions if "--help" not in action.option_strings]
+
+
+def option_names(kind: type) -> list[str]:
     """Return the names of all options of a command, with their dashes."""
-    text = io.StringIO()
-    with _BOUNDS_IN_HELP, redirect_stdout(text), suppress(SystemExit):
-        tyro.cli(kind, args=["--help"])
-    return re.findall(r"(?<![\w-])--[a-z][\w.-]*", text.getvalue())
+    return [name for option in options_of(kind) for name in option.names]
+
+
+def _option(action: argparse.Action) -> Option:
+    text = " ".join((action.help or "").split())
+    hint = re.search(r" ?\((required|default: .*)\)$", text)
+    return Option(
+        names=tuple(action.option_strings),
+        values=str(action.metavar or ""),
+        meaning=text if hint is None else text[: hint.start()],
+        default="" if hint is None else hint[1].partition("default: ")[2],
+        required=action.required,
+    )
 
 
 def unknown_option(token: str, options: Iterable[str]) -> UsageError:
@@ -76,7 +109,8 @@ def _in_one_line(event: tyro_errors.ParseErrorEvent, arguments: Sequence[str]) -
         return UsageError(" ".join(str(getattr(event, "message", event)).split()))
     wanted = str(argument.lowered.metavar)
     wanted = wanted[1:-1].replace(",", ", ") if wanted.startswith("{") else wanted
-    if not (given := _given(arguments, _name(argument))):
+    given = _given(arguments, _name(argument)) if _name(argument).startswith("-") else [*arguments[:1]]
+    if not given:
         return UsageError(f"{_name(argument)} needs a value: {wanted}")
     return UsageError(f"{_name(argument)} is {' '.join(given)!r}; allowed: {wanted}")
 
@@ -108,10 +142,11 @@ def _without_none(annotation: Any) -> Any:
     return tyro.conf.arg(metavar="|".join(words), help_behavior_hint="")
 
 
-_BOUNDS_IN_HELP = ConstructorRegistry()
+BOUNDS_IN_HELP = ConstructorRegistry()
+"""How tyro reads our dataclasses: with the bounds behind the docstrings."""
 
 
-@_BOUNDS_IN_HELP.struct_rule
+@BOUNDS_IN_HELP.struct_rule
 def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
     """Take dataclasses as tyro does, with the bounds behind the docstrings; leave it those whose fields have open types."""
     if not dataclasses.is_dataclass(info.type) or Generic in info.type.__mro__:

@@ -34,12 +34,17 @@ class Leaf:
     """In words; empty where its type says it all."""
 
     @property
+    def unit(self) -> str:
+        """Of its value, by its name; empty where it has none."""
+        *_, before_last, last = ("", *self.path[-1].split("_"))
+        return _UNITS.get(f"{before_last}_{last}", _UNITS.get(last, ""))
+
+    @property
     def note(self) -> str:
         """Its meaning, what is allowed, and its unit."""
-        *_, before_last, last = ("", *self.path[-1].split("_"))
         bounds, none = self.allowed.removesuffix(", or none"), ", or none" if self.allowed.endswith(", or none") else ""
         if re.search(r"\d", bounds):
-            bounds = f"{bounds} {_UNITS.get(f'{before_last}_{last}', _UNITS.get(last, ''))}".rstrip()
+            bounds = f"{bounds} {self.unit}".rstrip()
         return " ".join([*self.doc.split(), *([f"({bounds}{none})"] if bounds else [])])
 
 
@@ -94,7 +99,7 @@ def _table(tree: Any, known: Mapping[tuple[str, ...], Leaf], path: tuple[str, ..
     names = [field.name for field in dataclasses.fields(tree)]
     for name in names:
         if (leaf := known.get((*path, name))) is not None:
-            yield from ("", *_comment(leaf.note), f"{name} = {_toml(leaf.value)}")
+            yield from ("", *_comment(leaf.note), f"{name} = {toml_value(leaf.value)}")
     for name in names:
         if (*path, name) not in known:
             yield from _table(getattr(tree, name), known, (*path, name))
@@ -104,14 +109,14 @@ def _comment(text: str) -> list[str]:
     return textwrap.wrap(" ".join(text.split()), _WIDTH, initial_indent="# ", subsequent_indent="# ")
 
 
-def _toml(value: Any) -> str:
+def toml_value(value: Any) -> str:
     """Write a value on one line; TOML has no null."""
     if value is None:
         return '"none"'
     if isinstance(value, list):
-        return f"[{', '.join(map(_toml, value))}]"
+        return f"[{', '.join(map(toml_value, value))}]"
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{json.dumps(key)} = {_toml(one)}' for key, one in value.items())}}}"
+        return f"{{{', '.join(f'{json.dumps(key)} = {toml_value(one)}' for key, one in value.items())}}}"
     return str(tomlkit.item(value).as_string())
 
 
@@ -124,7 +129,7 @@ def options_text(tree: Any, root: str = "") -> str:
     """Return every option of a tree with its value, its meaning and what is allowed."""
     lines = []
     for leaf in leaves(tree).values():
-        value = "" if leaf.value is None else f"  (now {_toml(leaf.value)})"
+        value = "" if leaf.value is None else f"  (now {toml_value(leaf.value)})"
         lines.append(f"  {option_name(leaf.path, root)}{value}")
         lines += textwrap.wrap(leaf.note, _WIDTH, initial_indent=" " * 8, subsequent_indent=" " * 8)
     return "\n".join(lines) + "\n"

@@ -13,7 +13,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
-from laploop.cli.parsing import Inlined, options_of, parse_known, unknown_option
+from laploop.cli.parsing import Inlined, option_names, parse_known, unknown_option
 from laploop.cli.tree import Leaf, kinds_of, leaves, option_name, options_text
 from laploop.configuration import merged
 from laploop.envs.earlier_names import present_option, with_present_names
@@ -179,7 +179,7 @@ def _unknown(token: str, names: Mapping[str, Leaf], kind: type) -> LaploopError:
     below = [name for name in names if name.startswith(f"{present_option(token)}.")]
     if below:
         return UsageError(f"{token} is a table; its fields: {', '.join(below)}")
-    options = [*names, *options_of(kind)]
+    options = [*names, *option_names(kind)]
     last = token.rpartition(".")[2]
     # Someone who knows a field's name need not know where it is.
     if not get_close_matches(token, options, n=1) and (there := [name for name in names if name.endswith(f".{last}")]):

@@ -8,20 +8,21 @@ from typing import Any, get_args
 
 import numpy as np
 
+from laploop.arrays import Array
 from laploop.assets.phantom_import.phantom_mesh import load_phantom
 from laploop.control.controllers.base import TaskController
 from laploop.control.controllers.registry import make_controller
 from laploop.control.messages import TipController
 from laploop.envs.episode_config import OWN, EpisodeConfig
 from laploop.envs.loop.timing.log import FrameFate
-from laploop.envs.recording.recorder import Recorder
+from laploop.envs.recording.recorder import PredictionRecord, Recorder
 from laploop.envs.recording.tick_table import TickTable
 from laploop.envs.tasks.actions import checked_command
 from laploop.envs.tasks.registry import task_spec
 from laploop.envs.tasks.task_env import TaskEnv
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.registry import make_estimator
-from laploop.perception.geometry import Rig
+from laploop.perception.geometry import Rig, invert_transform, transform_points
 
 
 def run_episode(
@@ -76,9 +77,7 @@ def run_episode(
             known = env.control_input()
             with env.loop.timer.measure("control"):
                 velocity = checked_command(controller.command(known))
-            if ticks is not None:
-                target = controller.target if isinstance(controller, TaskController) else None
-                ticks.begin(env, velocity, None if target is None else target.point)
+            _begin_tick(env, controller, velocity, ticks)
             _, _, terminated, truncated, info = env.step(velocity.astype(np.float32))
             finished = terminated or truncated
             if isinstance(controller, TaskController):
@@ -96,6 +95,23 @@ def run_episode(
         env.close()
         if recorder is not None:
             recorder.close()
+
+
+def _begin_tick(env: TaskEnv[Any], controller: TipController, velocity: Array, ticks: TickTable | None) -> None:
+    """Note what a controller knows and commands, before its command is carried out."""
+    target = controller.target if isinstance(controller, TaskController) else None
+    if ticks is not None:
+        ticks.begin(env, velocity, None if target is None else target.point)
+    loop = env.loop
+    if target is not None and loop.recorder.takes_ticks:
+        prediction = PredictionRecord(
+            now_ns=loop.now_ns,
+            predicted_in_camera=target.point,
+            true_in_camera=transform_points(invert_transform(loop.theatre.world_from_camera()), env.target_in_world()),
+            predicted_in_world=transform_points(loop.scope.world_from_camera(), target.point),
+        )
+        with loop.timer.measure("record"):
+            loop.recorder.prediction(prediction)
 
 
 def _summary(config: EpisodeConfig, env: TaskEnv[Any], infos: list[dict[str, Any]], real_time_factor: float) -> dict[str, Any]:

@@ -1,4 +1,7 @@
-"""Put a controller of your own into the loop: here, plain position-based visual servoing.
+"""A controller of your own
+========================
+
+Put a controller of your own into the loop: here, plain position-based visual servoing.
 
 Anything with `reset()` and `command(state) -> velocity of the tip` will do. This one looks up the point under the target's
 pixel in the newest depth map, takes the surface's normal from its neighbours, and drives at its place 3 mm above. It knows
@@ -7,15 +10,17 @@ nothing of outliers, late frames, forces, or its own shaft in the picture: compa
 
 import argparse
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from laploop.assets import ScopeOptics
-from laploop.envs import EpisodeConfig, run_episode
+from laploop.envs import EpisodeConfig, Recorder, run_episode
 from laploop.perception import Rig
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
 parser.add_argument("--steps", type=int, default=1500, help="control periods of 8 ms")
 parser.add_argument("--motion", default="still", choices=["still", "breathing", "beating", "both"])
+parser.add_argument("--picture", help="file to save the figure to")
 options = parser.parse_args()
 
 
@@ -52,8 +57,28 @@ class VisualServo:
             self.goal = here + self.height_m * normal / np.linalg.norm(normal)
 
 
+class Errors(Recorder):
+    """Keeps the tip's distance from its place, a value a control tick."""
+
+    def begin(self, theatre, rig):  # noqa: ARG002  the recorders' signature
+        """Forget earlier episodes."""
+        self.times_s, self.errors_mm = [], []
+
+    def tick(self, record):
+        """Take a control tick."""
+        self.times_s.append(record.now_ns * 1e-9)
+        self.errors_mm.append(record.target_error_mm)
+
+
 config = EpisodeConfig.of(task="track", perception="phase", motion=options.motion, seed=1, seconds=options.steps * 0.008 + 0.1)
+figure, axis = plt.subplots(figsize=(7.0, 3.5), layout="constrained")
 for name, controller in (("visual servo", VisualServo()), ("scripted", None)):
-    summary = run_episode(config, controller=controller)
+    errors = Errors()
+    summary = run_episode(config, controller=controller, recorder=errors)
     error, force = summary["target_error_mm"]["final"], summary["contact_force_n"]["max"]
     print(f"{name:13s} {error:6.2f} mm off its place at the end, at most {force:.2f} N")
+    axis.semilogy(errors.times_s, errors.errors_mm, label=name)
+axis.set(xlabel="time, s", ylabel="distance from its place, mm", title=f"Tissue: {options.motion}")
+axis.legend()
+if options.picture:
+    figure.savefig(options.picture)

@@ -1,4 +1,7 @@
-"""Add tasks, limits and barriers of Pink to the trocar-constrained controller of an arm.
+"""Tasks and barriers of Pink
+==========================
+
+Add tasks, limits and barriers of Pink to the trocar-constrained controller of an arm.
 
 The tip draws circles while the shaft stays on its trocar. That leaves one degree of freedom, the roll about the shaft, which a
 task of our own turns; a barrier of Pink's keeps the tip above a plane that the circle would cross.
@@ -6,6 +9,7 @@ task of our own turns; a barrier of Pink's keeps the tip above a plane that the 
 
 import argparse
 
+import matplotlib.pyplot as plt
 import numpy as np
 from pink import Task
 from pink.barriers import PositionBarrier
@@ -13,8 +17,9 @@ from pink.barriers import PositionBarrier
 from laploop.assets import INSTRUMENT
 from laploop.control import SHAFT_TIP, ArmModel, RcmController, start_posture
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
 parser.add_argument("--steps", type=int, default=1000, help="control periods of 8 ms")
+parser.add_argument("--picture", help="file to save the figure to")
 options = parser.parse_args()
 
 PERIOD_S = 0.008
@@ -59,15 +64,25 @@ controller = RcmController(arm, tip - 0.23 * along, tasks=[roll], barriers=[barr
 controller.reset(home)
 
 radius_m, speed_mps = 0.010, 0.02
-worst_rcm_m, lowest_m, limits = 0.0, tip[2], set()
+worst_rcm_m, limits, path = 0.0, set(), []
 for step in range(options.steps):
     angle = speed_mps / radius_m * step * PERIOD_S
     controller.step(speed_mps * np.array([0.0, np.cos(angle), -np.sin(angle)]), PERIOD_S)
     worst_rcm_m = max(worst_rcm_m, controller.rcm_error_m)
-    lowest_m = min(lowest_m, arm.tip_in_world(controller.q)[2])
+    path.append(arm.tip_in_world(controller.q) - tip)
     limits.update(filter(None, controller.last_reason.split(", ")))
+path = np.array(path)
+lowest_m = path[:, 2].min() + tip[2]
 print(f"trocar missed by at most {1e6 * worst_rcm_m:.2f} um")
 print(f"shaft turned by {np.rad2deg(controller.q[5] - home[5]):.1f} of {np.rad2deg(roll.angle_rad - home[5]):.1f} degrees")
 print(
     f"tip stayed {1e3 * (lowest_m - floor_m):+.3f} mm above the plane; held back by: {', '.join(sorted(limits)) or 'nothing'}"
 )
+
+figure, axis = plt.subplots(figsize=(4.5, 4.0), layout="constrained")
+axis.plot(1e3 * path[:, 1], 1e3 * path[:, 2])
+axis.axhline(1e3 * (floor_m - tip[2]), color="tab:red", label="plane")
+axis.set(xlabel="y, mm", ylabel="z, mm", title="The way of the tip", aspect="equal")
+axis.legend()
+if options.picture:
+    figure.savefig(options.picture)

@@ -1,4 +1,7 @@
-"""Predict the tissue's motion yourself: here, with a parabola through what was seen in the last quarter of a second.
+"""A motion predictor of your own
+==============================
+
+Predict the tissue's motion yourself: here, with a parabola through what was seen in the last quarter of a second.
 
 Anything with `reset`, `update(measured, captured_ns)` and `predict(at_ns)` will do. The displacement is in metres along the
 optical axis, times are integer nanoseconds, and measurements come late by the age of their frame.
@@ -7,16 +10,18 @@ optical axis, times are integer nanoseconds, and measurements come late by the a
 import argparse
 from collections import deque
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from laploop.assets import ScopeOptics
 from laploop.control import Prediction, make_controller
-from laploop.envs import EpisodeConfig, run_episode
+from laploop.envs import EpisodeConfig, Recorder, run_episode
 from laploop.perception import Rig
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
 parser.add_argument("--steps", type=int, default=1875, help="control periods of 8 ms")
 parser.add_argument("--motion", default="both", choices=["still", "breathing", "beating", "both"])
+parser.add_argument("--picture", help="file to save the figure to")
 options = parser.parse_args()
 
 
@@ -47,10 +52,30 @@ class Parabola:
         return Prediction(value=float(value), velocity=float(velocity), sigma=0.0005, trusted=True)
 
 
+class Errors(Recorder):
+    """Keeps the tip's distance from its place, a value a control tick."""
+
+    def begin(self, theatre, rig):  # noqa: ARG002  the recorders' signature
+        """Forget earlier episodes."""
+        self.times_s, self.errors_mm = [], []
+
+    def tick(self, record):
+        """Take a control tick."""
+        self.times_s.append(record.now_ns * 1e-9)
+        self.errors_mm.append(record.target_error_mm)
+
+
 rig = Rig.from_optics(ScopeOptics())
 config = EpisodeConfig.of(task="track", perception="phase", motion=options.motion, seed=1, seconds=options.steps * 0.008 + 0.1)
+figure, axis = plt.subplots(figsize=(7.0, 3.5), layout="constrained")
 for name, predictor in (("parabola", Parabola()), ("rhythms", "rhythms")):
-    summary = run_episode(config, controller=make_controller("track", rig, prediction=predictor))
+    errors = Errors()
+    summary = run_episode(config, controller=make_controller("track", rig, prediction=predictor), recorder=errors)
     # Tracking is judged from 10 s on, when the rhythms have been learnt.
     rms = summary["metrics"]["normal_rms_mm"]
     print(f"{name:9s} error along the normal:", "not judged, too short" if rms is None else f"{rms:.3f} mm root mean square")
+    axis.semilogy(errors.times_s, errors.errors_mm, label=name)
+axis.set(xlabel="time, s", ylabel="distance from its place, mm", title=f"Tissue: {options.motion}")
+axis.legend()
+if options.picture:
+    figure.savefig(options.picture)

@@ -1,4 +1,7 @@
-"""Choose the target yourself: here, the top of the tissue, which a surgeon would reach without passing anything else.
+"""A target of your own
+====================
+
+Choose the target yourself: here, the top of the tissue, which a surgeon would reach without passing anything else.
 
 A selector is any function from a depth map to a pixel. The environment shows the first frame, the selector answers, and the
 same theatre begins anew with that pixel as its target.
@@ -6,15 +9,17 @@ same theatre begins anew with that pixel as its target.
 
 import argparse
 
+import matplotlib.pyplot as plt
 import numpy as np
 from scipy import ndimage
 
 from laploop.control import ReachController
 from laploop.envs import ReachEnv
 
-parser = argparse.ArgumentParser(description=__doc__)
+parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
 parser.add_argument("--steps", type=int, default=1000, help="control periods of 8 ms at most")
 parser.add_argument("--seed", type=int, default=1)
+parser.add_argument("--picture", help="file to save the figure to")
 options = parser.parse_args()
 
 
@@ -33,6 +38,12 @@ observation, info = env.reset(seed=options.seed)
 pixel = top_of_the_tissue(observation["depth_mm"], observation["depth_valid"].astype(bool))
 print(f"the environment would take {observation['target_pixel']}, the selector takes {pixel}")
 
+figure, axis = plt.subplots(figsize=(4.5, 4.0), layout="constrained")
+shown = axis.imshow(np.where(observation["depth_valid"] == 1, observation["depth_mm"], np.nan))
+axis.plot(*pixel, "r+", markersize=14)
+axis.set(title="The selector's choice", xticks=[], yticks=[])
+figure.colorbar(shown, label="depth, mm")
+
 observation, info = env.reset(seed=options.seed, options={"target_pixel": pixel})
 controller = ReachController(env.loop.rig)
 for _ in range(options.steps):
@@ -42,3 +53,5 @@ for _ in range(options.steps):
         break
 print(f"ended by {info['terminated_by']} after {info['sim_s']:.2f} s, {info['target_error_mm']:.2f} mm from an ideal touch")
 env.close()
+if options.picture:
+    figure.savefig(options.picture)

@@ -1,3 +1,4 @@
+from .calibration.board_corners import find_corners as find_corners
 from .calibration.calibration_file import load_calibration as load_calibration
 from .calibration.calibration_file import save_calibration as save_calibration
 from .calibration.hand_eye import HandEyeCalibration as HandEyeCalibration
@@ -74,6 +75,7 @@ __all__ = [
     "checked_estimate",
     "depth_metrics",
     "export_onnx",
+    "find_corners",
     "invert_transform",
     "load_calibration",
     "load_weights",

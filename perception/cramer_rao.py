@@ -37,7 +37,9 @@ class SensorNoise:
     full_well_electrons: Annotated[float, Field(ge=100.0, le=1e6)] = 10500.0
     """Full scale of the grey values; of a Pregius-class sensor."""
     read_noise_electrons: Annotated[float, Field(ge=0.0, le=1000.0)] = 2.5
+    """Standard deviation of the read noise."""
     bits: Annotated[int, Field(ge=1, le=16)] = 8
+    """Of a grey value."""
 
     @property
     def electrons_per_grey(self) -> float:

@@ -35,10 +35,15 @@ class BrownDistortion:
     """
 
     k1: _Coefficient = 0.0
+    """Radial, of r²."""
     k2: _Coefficient = 0.0
+    """Radial, of r⁴."""
     p1: _Coefficient = 0.0
+    """Tangential, mainly along y."""
     p2: _Coefficient = 0.0
+    """Tangential, mainly along x."""
     k3: _Coefficient = 0.0
+    """Radial, of r⁶."""
 
     @property
     def largest_radius_tan(self) -> float:

@@ -17,9 +17,9 @@ from .episodes.task_table import TaskTableConfig as TaskTableConfig
 from .episodes.task_table import run_task_table as run_task_table
 from .episodes.trials import TrialsConfig as TrialsConfig
 from .episodes.trials import run_trials as run_trials
-from .fidelity.run import FidelityConfig as FidelityConfig
+from .fidelity.config import FidelityConfig as FidelityConfig
 from .fidelity.run import measure_fidelity as measure_fidelity
-from .sweeps.run import Engine as Engine
+from .sweeps.engine import Engine as Engine
 from .sweeps.run import run_sweep as run_sweep
 from .sweeps.sweep import Condition as Condition
 from .sweeps.sweep import Sweep as Sweep

@@ -12,8 +12,5 @@ def test_the_python_example_of_the_readme_runs(capsys):
     assert capsys.readouterr().out.strip()
 
 
-def test_every_file_that_the_readme_links_to_exists():
-    links = re.findall(r"\]\((?!https?:|#)([^)#]+)\)", README)
-    assert links
-    missing = [link for link in links if not (ROOT / link).exists()]
-    assert missing == []
+def test_the_readme_is_short():
+    assert len(README.split()) <= 900

@@ -8,7 +8,6 @@ from typing import Any
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import Inlined, OutputPath, parse
-from laploop.studies.timing.bench import run_bench
 from laploop.studies.timing.bench_config import BenchConfig
 from laploop.studies.timing.bench_result import BenchResult, as_csv, as_markdown
 from laploop.studies.timing.fetch_comparison import OURS
@@ -31,6 +30,9 @@ class BenchArguments:
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     chosen = parse(BenchArguments, arguments, "bench")
+
+    from laploop.studies.timing.bench import run_bench  # slow to import
+
     with OutputFolder(chosen.out, "bench") as folder:
         with progress_bar("measuring", 1.0) as advance_to:
             result = run_bench(chosen.bench, advance_to)

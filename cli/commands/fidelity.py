@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import Inlined, OutputPath, parse
-from laploop.studies.fidelity.run import FidelityConfig, as_markdown, measure_fidelity
+from laploop.studies.fidelity.config import FidelityConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +23,9 @@ class FidelityArguments:
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     chosen = parse(FidelityArguments, arguments, "fidelity")
+
+    from laploop.studies.fidelity.run import as_markdown, measure_fidelity  # slow to import
+
     with OutputFolder(chosen.out, "fidelity") as folder:
         with progress_bar("tissues", chosen.fidelity.seeds) as advance_to:
             result = measure_fidelity(chosen.fidelity, advance_to)

@@ -14,6 +14,8 @@ from laploop.cli.tree_options import TreeOptions, parse_tree, with_options
 from laploop.configuration import to_plain
 from laploop.envs.recording.episode_log import EpisodeLog
 from laploop.envs.recording.recorder import ARM_NAMES, STAGES, CompositeRecorder, Recorder
+from laploop.envs.recording.rerun_detail import DetailName
+from laploop.envs.recording.viewer import RECORDING, live_viewer
 from laploop.errors import InvalidValueError
 from laploop.whole_file import whole_file
 
@@ -22,7 +24,7 @@ from laploop.whole_file import whole_file
 class RunArguments:
     """Run one closed-loop episode with the scripted controller.
 
-    Writes `episode.png`, `recording.rrd` (open it with `rerun DIR/recording.rrd`), `ticks.parquet` (a row a control tick),
+    Writes `episode.png`, `recording.rrd` (`laploop view DIR` opens it), `ticks.parquet` (a row a control tick),
     `timing.csv` (a row a frame) and `summary.json`; where service or computing times are measured, also `service_trace.csv` and
     `compute_trace.csv`, with which --latency-trace and --compute-trace repeat the episode. The exit status is 0 when it ran to
     its end, with or without success; an episode that is interrupted leaves its recording up to then. Every field of the
@@ -32,13 +34,21 @@ class RunArguments:
     tree: Inlined[TreeOptions] = field(default_factory=TreeOptions)
     out: OutputPath
     rerun: bool = True
-    """Write the Rerun recording, about 6 MB for a simulated second."""
+    """Write the Rerun recording."""
+    detail: DetailName = "default"
+    """How much the recording keeps: default (at most 2 MB a simulated second), or full (about 7 MB; depth as numbers)."""
+    live: bool = False
+    """Show the recording while it is made: in the viewer that listens at 127.0.0.1:9876, or in a window of a new one."""
+    video: Path | None = None
+    """MP4 file to write what the scope sees, its depth and the theatre to, side by side, in simulated time."""
     trace_out: Path | None = None
     """JSON file to write the times of all frames and commands to, as Chrome trace events; https://ui.perfetto.dev opens it."""
 
     def __post_init__(self) -> None:
         if self.trace_out is not None and (self.trace_out.is_dir() or self.trace_out.suffix != ".json"):
             raise InvalidValueError("trace_out", self.trace_out, "the path of a .json file")
+        if self.live and not self.rerun:
+            raise InvalidValueError("live", self.live, "only with a recording, without --no-rerun")
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -57,8 +67,13 @@ def main(arguments: Sequence[str]) -> int:
             if chosen.rerun:
                 from laploop.envs.recording.rerun_recorder import RerunRecorder
 
-                path = stack.enter_context(folder.own_artefact("recording.rrd"))
-                recorders.append(stack.enter_context(RerunRecorder(path)))
+                path = stack.enter_context(folder.own_artefact(RECORDING))
+                live = live_viewer() if chosen.live else None
+                recorders.append(stack.enter_context(RerunRecorder(path, detail=chosen.detail, live=live)))
+            if chosen.video is not None:
+                from laploop.envs.recording.video_recorder import VideoRecorder
+
+                recorders.append(stack.enter_context(VideoRecorder(chosen.video, camera_hz=episode.task.loop.camera_hz)))
             with progress_bar("simulated seconds", episode.task.max_seconds) as advance_to:
                 results = run_episode(episode, CompositeRecorder(recorders), advance_to, ticks=ticks)
 

@@ -12,7 +12,7 @@ from laploop.cli.console import ResultTable, progress_bar
 from laploop.cli.output import OutputFolder
 from laploop.cli.parsing import Inlined, OutputPath, parse
 from laploop.errors import LaploopNote
-from laploop.studies.sweeps.run import Engine
+from laploop.studies.sweeps.engine import Engine
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -47,10 +47,7 @@ class TrainArguments(Generic[Options]):
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     spec = NETWORKS.get(model_of(arguments))
-    if spec.options is None:
-        raise InvalidValueError("model", spec.name, "a network whose entry has a training")
-    kind: Any = TrainArguments
-    chosen: TrainArguments[TrainingOptions] = parse(kind[spec.options], arguments, "train")
+    chosen: TrainArguments[TrainingOptions] = parse(arguments_of(spec.name), arguments, "train")
 
     from laploop.cli.dataset import dataset_path
     from laploop.perception.data.datasets import open_dataset
@@ -78,6 +75,19 @@ def main(arguments: Sequence[str]) -> int:
         table.row(name.replace("_", " "), value)
     table.show(folder.path)
     return 0
+
+
+def arguments_of(model: str) -> Any:
+    """Return the class that holds the arguments for a network.
+
+    Raises:
+        InvalidValueError: If that network cannot be trained.
+    """
+    spec = NETWORKS.get(model)
+    if spec.options is None:
+        raise InvalidValueError("model", spec.name, "a network whose entry has a training")
+    kind: Any = TrainArguments
+    return kind[spec.options]
 
 
 def model_of(arguments: Sequence[str]) -> str:

@@ -9,7 +9,6 @@ from laploop.cli.parsing import Inlined, OutputPath
 from laploop.cli.tree_options import TreeOptions, parse_tree, with_options
 from laploop.configuration import to_plain
 from laploop.studies.episodes.trials import TrialsConfig, as_csv, as_markdown, run_trials, summarise
-from laploop.studies.episodes.trials_figure import draw_trials
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +33,9 @@ def main(arguments: Sequence[str]) -> int:
     chosen, rest = parse_tree(TrialsArguments, arguments, "trials")
     episode = with_options(chosen.tree.tree(), rest, TrialsArguments)
     config = TrialsConfig(episode=episode, seeds=chosen.seeds, workers=chosen.workers)
+
+    from laploop.studies.episodes.trials_figure import draw_trials  # slow to import
+
     with OutputFolder(chosen.out, "trials") as folder:
         with progress_bar("episodes", config.seeds) as advance_to:
             rows = run_trials(config, folder.path, advance_to)

@@ -47,7 +47,7 @@ class RcmStatus(StrEnum):
 class RcmController:
     """Differential inverse kinematics of one arm under its trocar.
 
-    Each step solves with Pink
+    Each step solves with Pink::
 
         minimise   |J dq - (x_ref - x)|^2 w_tip + |dq - g (q_0 - q)|^2 w_posture
         subject to the trocar's two rows, the limits of position, speed, acceleration and insertion, and, where they come

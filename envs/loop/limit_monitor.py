@@ -79,6 +79,12 @@ class LimitMonitor:
             worst.shaft_room_mm = min(worst.shaft_room_mm, 1e3 * self._shaft_room(tips, flanges))
         worst.collision_steps += int(log.collided.sum())
 
+    def joint_shares(self) -> tuple[Array, Array]:
+        """Return joint angles and speeds over the limits, both (2, 6), camera arm first, worst of the newest period."""
+        log = self._theatre.log
+        position, speed = log.joints / self._upper_position, log.joint_speeds / self._max_speed
+        return np.asarray(np.abs(position).max(axis=0)), np.asarray(np.abs(speed).max(axis=0))
+
     def _shaft_room(self, tips: Array, flanges: Array) -> float:
         """Return the clearance between both shafts, metres, from their ends, (2, 3) each."""
         s, t = nearest_parameters(tips[0], flanges[0], tips[1], flanges[1])

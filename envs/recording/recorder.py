@@ -79,6 +79,41 @@ class TickRecord:
     """Lateral force of the wall around each trocar on its shaft; keys are `ARM_NAMES`, empty where there are no trocars."""
     frame_ms: Mapping[str, float] = field(default_factory=dict)
     """Simulated time that each stage had the newest frame that a control tick knew; keys are `FRAME_STAGES`."""
+    command_mps: NDArray[np.float64] | None = None
+    """(3,), commanded velocity of the moved tip during the period that has just ended, along the camera's axes."""
+    tip_velocity_mps: NDArray[np.float64] | None = None
+    """(3,), velocity of the moved tip at its end, along the camera's axes, by the simulator's state."""
+    goal_in_world: NDArray[np.float64] | None = None
+    """(3,), metres: where the tool's tip touches the true target; None where the tool has no goal."""
+    off_goal_mm: Mapping[str, float] = field(default_factory=dict)
+    """Tip from goal: `along` the target's normal, outwards positive, and `across` it; empty without a goal."""
+    joint_position_share: NDArray[np.float64] | None = None
+    """(6,), joint angles of the moved arm over their limits, worst of the period; 1 is at the limit."""
+    joint_speed_share: NDArray[np.float64] | None = None
+    """(6,), the same of the joint speeds."""
+    status: str = ""
+    """Of the inverse kinematics."""
+    status_reason: str = ""
+    """What keeps the arm from following; empty while it follows."""
+    faults: str = ""
+    """Why the command was not followed, and the injected faults that are active; empty without any."""
+    reward_terms: Mapping[str, float] = field(default_factory=dict)
+    """Weighted terms of the reward."""
+    dropped_frames: int = 0
+    """Frames so far that reached no consumer."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PredictionRecord:
+    """Where a controller takes its target to be at a control tick, and where it is."""
+
+    now_ns: int
+    predicted_in_camera: NDArray[np.float64]
+    """(3,), metres, in the frame that the controller works in."""
+    true_in_camera: NDArray[np.float64]
+    """(3,), metres, in the true camera's frame."""
+    predicted_in_world: NDArray[np.float64]
+    """(3,), metres, by the controller's kinematics."""
 
 
 class Recorder:
@@ -107,6 +142,9 @@ class Recorder:
 
     def tick(self, record: TickRecord) -> None:
         """Take a control tick."""
+
+    def prediction(self, record: PredictionRecord) -> None:
+        """Take a scripted controller's idea of its target, before the tick's command is carried out."""
 
     def frame(self, record: FrameRecord) -> None:
         """Take a captured frame; the theatre's kinematics are those of the capture."""
@@ -155,6 +193,11 @@ class CompositeRecorder(Recorder):
         """Pass a control tick on."""
         for recorder in self._recorders:
             recorder.tick(record)
+
+    def prediction(self, record: PredictionRecord) -> None:
+        """Pass a controller's idea of its target on."""
+        for recorder in self._recorders:
+            recorder.prediction(record)
 
     def frame(self, record: FrameRecord) -> None:
         """Pass a frame on."""

@@ -1,68 +1,22 @@
-"""Layout of a recording when it opens: views, plots with their names and units, and the legend."""
-
-from collections.abc import Mapping
-from dataclasses import dataclass
+"""Layout of a recording when it opens: a tab each for the theatre, control, perception and timing."""
 
 import numpy as np
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from laploop.envs.loop.timing.log import FRAME_STAGES
-from laploop.envs.recording.recorder import STAGES
+from laploop.envs.recording.picture_colors import ERROR_RANGE_MM
+from laploop.envs.recording.rerun_plots import PLOTS, PREDICTION_PLOTS, REWARD_PLOT, TIMELINE
 from laploop.perception.geometry import Rig
 
-ERROR_RANGE_MM = 3.0
-"""The colours of depth errors span this in both directions."""
-
-Color = tuple[int, int, int]
-
-# Okabe and Ito's palette, which colour-blind readers can tell apart.
-_BLUE, _ORANGE, _GREEN, _RED, _PURPLE = (0, 114, 178), (230, 159, 0), (0, 158, 115), (213, 94, 0), (204, 121, 167)
-_SKY, _GREY = (86, 180, 233), (120, 120, 120)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Plot:
-    """One plot under `plots/`."""
-
-    title: str
-    """With the unit."""
-    series: Mapping[str, tuple[str, Color]]
-    """Entity below the plot: its name in the legend, and its colour."""
-    range: tuple[float, float] | None = None
-    """Initial range of the vertical axis; None lets the viewer choose."""
-
-
-PLOTS: Mapping[str, Plot] = {
-    "target_error_mm": Plot(title="Target error [mm]", series={"target": ("tip to target [mm]", _BLUE)}),
-    "rcm_error_mm": Plot(
-        title="Trocar (RCM) error [mm]",
-        series={"camera": ("camera arm [mm]", _ORANGE), "tool": ("tool arm [mm]", _BLUE)},
-    ),
-    "port_force_n": Plot(
-        title="Force of the wall at the trocar [N]",
-        series={"camera": ("on the scope's shaft [N]", _ORANGE), "tool": ("on the tool's shaft [N]", _BLUE)},
-    ),
-    "force_n": Plot(title="Contact force [N]", series={"force": ("tip on tissue [N]", _RED)}),
-    "depth_age_ms": Plot(title="Age of the newest depth frame [ms]", series={"age": ("age [ms]", _GREEN)}),
-    "frame_ms": Plot(
-        title="Age of the newest used frame by stage [ms]",
-        series={
-            stage: (f"{stage} [ms]", color)
-            for stage, color in zip(FRAME_STAGES, (_SKY, _GREY, _GREEN, _PURPLE, _ORANGE), strict=True)
-        },
-    ),
-    "stage_ms": Plot(
-        title="Wall time by stage [ms]",
-        series={
-            stage: (f"{stage} [ms]", color)
-            for stage, color in zip(STAGES, (_BLUE, _SKY, _ORANGE, _GREEN, _GREY, _RED, _PURPLE), strict=True)
-        },
-    ),
+_PICTURES = {
+    "stripes": "Stripes (captured)",
+    "depth": "Depth (estimated)",
+    "truth": "Depth (truth)",
+    "error": "Error (estimate - truth)",
+    "key_depth": "Key of the depth",
+    "key_error": "Key of the error",
 }
-
-
-_IN_TABS = ("rcm_error_mm", "port_force_n", "depth_age_ms", "frame_ms", "stage_ms")
+"""Names of the views, by entity under `scope/image/`."""
 
 
 def legend(rig: Rig) -> str:
@@ -70,19 +24,38 @@ def legend(rig: Rig) -> str:
     camera = rig.camera
     return f"""### Legend
 
-- **Tissue** pink; **target** green; **trocars** yellow rings.
+- **Tissue** pink; **target** green, **goal** of the tip white, the controller's **prediction** orange; **trocars** yellow.
 - **Reconstructed surface**: points coloured by their error, estimate minus truth along the viewing direction:
-  red {-ERROR_RANGE_MM:+.0f} mm (too near), yellow 0, blue {ERROR_RANGE_MM:+.0f} mm (too far); as in the *error* image.
-- **depth**, **truth**: z-depth in the camera's frame, inferno (near is dark), the same range; black where there is none.
+  red {-ERROR_RANGE_MM:+.0f} mm (too near), white 0, blue {ERROR_RANGE_MM:+.0f} mm (too far); as in the *error* image.
+- **depth**, **truth**: z-depth in the camera's frame, near is dark, in the range of the key; what is nearer or farther has the
+  colour of the nearer end. Grey: no value.
 - Depth, truth and error belong to the frame that has just *arrived*; the stripes are the frame just *captured*.
+- **Joint angles and speeds** of the moved arm over their limits, worst of the control period; 1 is at the limit.
+- **States**: outcome of the inverse kinematics, what holds the arm back, faults; a lane changes where the state does.
 - Camera {camera.width} x {camera.height}, f = {camera.fx:.1f} px.
 - Projector {rig.baseline_m * 1e3:.1f} mm to its right, {rig.mask.stripes} stripes.
 - World in metres, z up; times are simulated.
 """
 
 
-def episode_blueprint(look_at: NDArray[np.float64]) -> rrb.Blueprint:
-    """Lay out an episode: theatre and tissue, whose middle is `look_at`, (3,) m, on the left, images and plots on the right."""
+def episode_blueprint(look_at: NDArray[np.float64], *, depth_maps: bool = False) -> rrb.Blueprint:
+    """Lay out an episode.
+
+    Args:
+        look_at: (3,) m, middle of the tissue.
+        depth_maps: Whether the recording has depth and truth as numbers, too.
+    """
+    return rrb.Blueprint(
+        rrb.Tabs(_theatre(look_at), _control(), _perception(look_at, depth_maps=depth_maps), _timing(), active_tab=0),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        auto_layout=False,
+        auto_views=False,
+    )
+
+
+def _theatre(look_at: NDArray[np.float64]) -> rrb.Container:
     overview = rrb.Spatial3DView(
         name="Theatre",
         origin="world",
@@ -92,54 +65,70 @@ def episode_blueprint(look_at: NDArray[np.float64]) -> rrb.Blueprint:
         ),
         line_grid=False,
     )
-    close_eye = rrb.EyeControls3D(position=np.add(look_at, (0.06, -0.20, 0.10)), look_target=np.add(look_at, (0.0, 0.0, 0.012)))
-    tissue, surface = (
-        rrb.Spatial3DView(
-            name=name,
-            origin="world",
-            contents=["+ /world/**", f"- /world/{hidden}/**"],
-            eye_controls=close_eye,
-            line_grid=False,
-        )
-        for name, hidden in (("Tissue", "surface"), ("Reconstructed surface, coloured by its error", "tissue"))
+    pictures = rrb.Horizontal(_picture("stripes"), _picture("depth"))
+    plots = rrb.Vertical(_plot("target_error_mm"), _plot("force_n"))
+    right = rrb.Vertical(pictures, _picture("key_depth"), plots, row_shares=[5, 1, 4])
+    left = rrb.Vertical(overview, _close("Tissue", look_at, hidden="surface"), row_shares=[3, 2])
+    return rrb.Horizontal(left, right, column_shares=[1, 1], name="Theatre")
+
+
+def _control() -> rrb.Container:
+    states = rrb.StateTimelineView(name="States of the inverse kinematics", origin="states")
+    predictions = (
+        rrb.TimeSeriesView(name=title, origin=f"plots/{name}", plot_legend=rrb.PlotLegend(visible=True))
+        for name, title in PREDICTION_PLOTS.items()
     )
-    images = rrb.Grid(
-        *(
-            rrb.Spatial2DView(name=name, origin=f"scope/image/{entity}")
-            for entity, name in (
-                ("stripes", "Stripes (captured)"),
-                ("depth", "Depth (estimated)"),
-                ("truth", "Depth (truth)"),
-                ("error", f"Error (red {-ERROR_RANGE_MM:.0f}, blue +{ERROR_RANGE_MM:.0f} mm)"),
-            )
+    reward = rrb.TimeSeriesView(name="Reward by term", origin=f"plots/{REWARD_PLOT}", plot_legend=rrb.PlotLegend(visible=True))
+    return rrb.Horizontal(
+        rrb.Vertical(_plot("tip_velocity_mmps"), _plot("off_goal_mm"), *predictions, states),
+        rrb.Vertical(
+            _plot("joint_position_share"), _plot("joint_speed_share"), _plot("rcm_error_mm"), _plot("port_force_n"), reward
         ),
-        grid_columns=2,
+        name="Control",
     )
-    plots = {
-        name: rrb.TimeSeriesView(
-            name=plot.title,
-            origin=f"plots/{name}",
-            axis_y=None if plot.range is None else rrb.ScalarAxis(range=plot.range),
-            plot_legend=rrb.PlotLegend(visible=len(plot.series) > 1),
-        )
-        for name, plot in PLOTS.items()
-    }
+
+
+def _perception(look_at: NDArray[np.float64], *, depth_maps: bool) -> rrb.Container:
+    surface = _close("Reconstructed surface, coloured by its error", look_at, hidden="tissue")
     legend_view = rrb.TextDocumentView(name="Legend", origin="legend")
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(overview, rrb.Horizontal(tissue, surface), row_shares=[5, 4]),
-            rrb.Vertical(
-                images,
-                plots["target_error_mm"],
-                plots["force_n"],
-                rrb.Tabs(*(plots[name] for name in _IN_TABS), legend_view),
-                row_shares=[4, 1, 1, 1],
-            ),
-            column_shares=[1, 1],
+    numbers = (
+        [rrb.Spatial2DView(name=f"{name} [mm]", origin=f"scope/depth/{name}") for name in ("estimate", "truth")]
+        if depth_maps
+        else []
+    )
+    return rrb.Horizontal(
+        rrb.Vertical(
+            rrb.Horizontal(_picture("stripes"), _picture("depth")),
+            rrb.Horizontal(_picture("error"), _picture("truth")),
+            rrb.Horizontal(_picture("key_error"), _picture("key_depth")),
+            row_shares=[5, 5, 1],
         ),
-        rrb.TimePanel(timeline="sim_time", state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
-        auto_layout=False,
-        auto_views=False,
+        rrb.Tabs(surface, *numbers, legend_view),
+        column_shares=[1, 1],
+        name="Perception",
+    )
+
+
+def _timing() -> rrb.Container:
+    return rrb.Vertical(*map(_plot, ("depth_age_ms", "frame_ms", "dropped_frames", "stage_ms")), name="Timing")
+
+
+def _close(name: str, look_at: NDArray[np.float64], *, hidden: str) -> rrb.Spatial3DView:
+    """Return a view of the tissue from near by, without one of the entities of the world."""
+    eye = rrb.EyeControls3D(position=np.add(look_at, (0.06, -0.20, 0.10)), look_target=np.add(look_at, (0.0, 0.0, 0.012)))
+    contents = ["+ /world/**", f"- /world/{hidden}/**"]
+    return rrb.Spatial3DView(name=name, origin="world", contents=contents, eye_controls=eye, line_grid=False)
+
+
+def _picture(entity: str) -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(name=_PICTURES[entity], origin=f"scope/image/{entity}")
+
+
+def _plot(name: str) -> rrb.TimeSeriesView:
+    plot = PLOTS[name]
+    return rrb.TimeSeriesView(
+        name=plot.title,
+        origin=f"plots/{name}",
+        axis_y=None if plot.range is None else rrb.ScalarAxis(range=plot.range),
+        plot_legend=rrb.PlotLegend(visible=len(plot.series) > 1),
     )

@@ -55,7 +55,7 @@ def body_quaternions(data: mujoco.MjData, body_ids: NDArray[np.intp]) -> NDArray
 
 
 def log_shapes(stream: rr.RecordingStream, model: mujoco.MjModel, body: DrawnBody) -> None:
-    """Log the geoms of a body, static in the body's frame."""
+    """Log the geoms of a body, once, in the body's frame, at the time that the stream is at."""
     for number, geom_id in enumerate(body.geom_ids):
         name = model.geom(geom_id).name.rsplit("/", 1)[-1] or f"geom_{number}"
         path = f"{body.path}/{name}"
@@ -65,7 +65,7 @@ def log_shapes(stream: rr.RecordingStream, model: mujoco.MjModel, body: DrawnBod
         )
         shape = _shape(model, geom_id)
         if shape is not None:
-            stream.log(path, pose, shape, static=True)
+            stream.log(path, pose, shape)
 
 
 def _shape(model: mujoco.MjModel, geom_id: int) -> rr.AsComponents | None:
@@ -141,3 +141,25 @@ class VertexNormals:
         sums = self._sum_over_faces @ face_normals
         lengths = np.sqrt(np.einsum("ij,ij->i", sums, sums))[:, None]
         return np.asarray(sums / np.maximum(lengths, np.float32(1e-12)), dtype=np.float32)
+
+
+class TissueShape:
+    """The shape of a tissue apart from its motion as a whole, which is most of what breathing does and costs nothing."""
+
+    def __init__(self, triangles: NDArray[np.integer], points: NDArray[np.float64], *, tolerance_m: float) -> None:
+        """Start with the points at time 0, (n, 3); shapes differ when a point is farther off than the tolerance."""
+        self._normals_of = VertexNormals(triangles, len(points))
+        self._origin = points.mean(axis=0)
+        self._tolerance_m = tolerance_m
+        self._logged: NDArray[np.float64] | None = None
+
+    def update(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], rr.Mesh3D | None]:
+        """Return how far the whole has moved since time 0, (3,), and the shape before that motion if it is a new one."""
+        offset = points.mean(axis=0) - self._origin
+        shape = points - offset
+        if self._logged is not None and np.square(shape - self._logged).sum(axis=1).max() <= self._tolerance_m**2:
+            return offset, None
+        self._logged = shape
+        # Rerun keeps a reference to float32 arrays; this one is new.
+        vertices = shape.astype(np.float32)
+        return offset, rr.Mesh3D.from_fields(vertex_positions=vertices, vertex_normals=self._normals_of(vertices))

@@ -1,34 +1,17 @@
 """Episodes as they happen, in a Rerun viewer."""
 
-import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
-
-import rerun as rr
+from typing import TYPE_CHECKING
 
 from laploop.envs.loop.timing.log import TimingLog
-from laploop.envs.recording.recorder import DepthRecord, FrameRecord, Recorder, TickRecord
+from laploop.envs.recording.recorder import DepthRecord, FrameRecord, PredictionRecord, Recorder, TickRecord
 from laploop.envs.recording.rerun_recorder import RerunRecorder
-from laploop.errors import OutputError
+from laploop.envs.recording.viewer import live_viewer
 from laploop.perception.geometry import Rig
 
 if TYPE_CHECKING:
     from laploop.envs.theatre.theatre import Theatre
-
-
-class _StreamedRecorder(RerunRecorder):
-    """Sends what it records to a viewer on this machine as well."""
-
-    def _open(self, blueprint: Any) -> None:
-        # The program that came with the package may not be on the path.
-        program = Path(sys.executable).with_name("rerun")
-        try:
-            # Does nothing where a viewer is open.
-            rr.spawn(connect=False, recording=self._stream, executable_path=str(program) if program.is_file() else None)
-        except RuntimeError as error:
-            raise OutputError(f"cannot open a Rerun viewer: {error}") from error
-        self._stream.set_sinks(rr.GrpcSink(), rr.FileSink(self._partial), default_blueprint=blueprint)
 
 
 class RerunViewer(Recorder):
@@ -39,18 +22,26 @@ class RerunViewer(Recorder):
         self._episode: RerunRecorder | None = None
 
     def begin(self, theatre: "Theatre", rig: Rig) -> None:
-        """Show the scene of a new episode."""
+        """Show the scene of a new episode.
+
+        Raises:
+            InfeasibleError: If no viewer listens and there is no display for a new one.
+        """
         if self._folder is None:
             self._folder = TemporaryDirectory(prefix="laploop-")
         if self._episode is not None:
             self._episode.close()
         # The file keeps what the viewer has not taken yet; the next episode replaces it.
-        self._episode = _StreamedRecorder(Path(self._folder.name) / "episode.rrd")
+        self._episode = RerunRecorder(Path(self._folder.name) / "episode.rrd", live=live_viewer())
         self._episode.begin(theatre, rig)
 
     def tick(self, record: TickRecord) -> None:
         """Show a control tick."""
         self._shown().tick(record)
+
+    def prediction(self, record: PredictionRecord) -> None:
+        """Show a controller's idea of its target."""
+        self._shown().prediction(record)
 
     def frame(self, record: FrameRecord) -> None:
         """Show a captured frame."""

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from laploop.arrays import Array
-from laploop.assets.shafts import INSTRUMENT
 from laploop.envs.tasks.task_env import TaskEnv
+from laploop.envs.tasks.tick_record import off_goal
 from laploop.perception.geometry import invert_transform, transform_points
 
 _VECTORS = {
@@ -48,21 +48,20 @@ class TickTable:
     def begin(self, env: TaskEnv[Any], command: Array, predicted_in_camera: Array | None) -> None:
         """Take what is known and true at a tick, whose command, (3,) m/s, is not carried out yet."""
         loop = env.loop
-        offset, normal, truth = env.target_offset()
-        off_goal = offset - INSTRUMENT.tip_radius_m * normal
-        along = float(off_goal @ normal)
+        goal, along_mm, across_mm = off_goal(env)
+        _, _, truth = env.target_offset()
         tip, unknown = loop.theatre.tip_in_world(), np.full(3, np.nan)
         prediction = unknown
         if predicted_in_camera is not None:
             prediction = transform_points(loop.scope.world_from_camera(), predicted_in_camera)
         served = loop.newest_served
         in_camera = transform_points(invert_transform(loop.theatre.world_from_camera()), truth)
-        vectors = (command, tip, loop.theatre.tip_velocity_in_world(), tip - off_goal, prediction, truth, in_camera)
+        vectors = (command, tip, loop.theatre.tip_velocity_in_world(), goal, prediction, truth, in_camera)
         row: dict[str, Any] = {"time_s": loop.now_ns * 1e-9}
         for (name, unit), vector in zip(_VECTORS.items(), vectors, strict=True):
             row |= {f"{name}_{axis}_{unit}": _known(value) for axis, value in zip("xyz", vector.tolist(), strict=True)}
-        row["error_along_mm"] = along * 1e3
-        row["error_across_mm"] = float(np.linalg.norm(off_goal - along * normal)) * 1e3
+        row["error_along_mm"] = along_mm
+        row["error_across_mm"] = across_mm
         row["depth_age_ms"] = None if served is None else served.age_ns(loop.now_ns) * 1e-6
         row["assessed"] = env.is_assessed()
         self._rows.append(row)

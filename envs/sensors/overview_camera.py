@@ -14,7 +14,7 @@ from laploop.assets.ur5 import ARM_GROUP
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.ray_camera import RayCamera
 from laploop.envs.theatre.theatre import Theatre
-from laploop.perception.geometry import Intrinsics, Rig
+from laploop.perception.geometry import Intrinsics, Rig, invert_transform, transform_points
 
 _EYE_M = (0.30, -0.62, 0.44)
 """Where the picture is taken from, in the world: beside the table, above the wall."""
@@ -57,6 +57,11 @@ class OverviewCamera:
         facing = np.nan_to_num((view.normals * towards_eye).sum(axis=-1))
         light = np.where(view.object_id == ObjectId.BACKGROUND, 1.0, _AMBIENT + (1.0 - _AMBIENT) * np.clip(facing, 0.0, 1.0))
         return np.asarray((self._palette[view.object_id] * light[..., None]).round().astype(np.uint8))
+
+    def pixel(self, point_in_world: Array) -> tuple[int, int]:
+        """Return column and row at which a point, (3,) metres, is seen, hidden or not."""
+        column, row = self._camera.intrinsics.project(transform_points(invert_transform(self._pose), point_in_world))
+        return int(column), int(row)
 
     def close(self) -> None:
         """End the threads."""

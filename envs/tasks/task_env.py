@@ -15,7 +15,7 @@ from laploop.assets.shafts import INSTRUMENT
 from laploop.control.messages import ControlInput, TipController
 from laploop.envs.loop.closed_loop import ClosedLoop
 from laploop.envs.loop.perception_server import ServedFrame
-from laploop.envs.recording.recorder import Recorder, TickRecord
+from laploop.envs.recording.recorder import Recorder
 from laploop.envs.sensors.stripe_capture import ExactView
 from laploop.envs.tasks.actions import ActionInterpreter, action_space, checked_action
 from laploop.envs.tasks.observations import (
@@ -34,6 +34,7 @@ from laploop.envs.tasks.savable_env import SavableEnv
 from laploop.envs.tasks.surface_point import SurfacePoint
 from laploop.envs.tasks.target_choice import checked_pixels, choose_target_pixel
 from laploop.envs.tasks.task_config import TaskConfig
+from laploop.envs.tasks.tick_record import tick_record
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.estimators.registry import make_estimator
@@ -252,8 +253,7 @@ class TaskEnv(SavableEnv, Generic[ConfigT]):
         weights, unweighted = vars(self.config.rewards), {**self.reward_terms(), **shared_terms}
         terms = {name: value * float(weights[name]) for name, value in unweighted.items()}
         info = self._info(terms, "time" if truncated else terminated_by, succeeded=succeeded)
-        if self.loop.recorder.takes_ticks:
-            self._record_tick(info)
+        self._record_tick(info, velocity)
         self._running = terminated_by is None and not truncated
         return float(sum(terms.values())), terminated_by is not None, truncated, info
 
@@ -385,18 +385,8 @@ class TaskEnv(SavableEnv, Generic[ConfigT]):
             "reward_terms": reward_terms,
         }
 
-    def _record_tick(self, info: Info) -> None:
-        with self.loop.timer.measure("record"):
-            self.loop.recorder.tick(
-                TickRecord(
-                    now_ns=self.loop.now_ns,
-                    target_error_mm=info["target_error_mm"],
-                    target_in_world=self.target_in_world(),
-                    rcm_error_mm=info["rcm_error_mm"],
-                    port_force_n=info["port_force_n"],
-                    contact_force_n=info["contact_force_n"],
-                    depth_age_ms=info["depth_age_ms"],
-                    stage_ms=self.loop.timer.lap_ms(),
-                    frame_ms=self.loop.timing_log.newest_ms(),
-                )
-            )
+    def _record_tick(self, info: Info, command: Array) -> None:
+        recorder = self.loop.recorder
+        if recorder.takes_ticks:
+            with self.loop.timer.measure("record"):
+                recorder.tick(tick_record(self, info, command))

@@ -217,11 +217,12 @@ class Theatre:
         """Return the centre of the tool's ball end, (3,)."""
         return np.array(self.data.site_xpos[self.tool_arm.tip_site])
 
-    def tip_velocity_in_world(self) -> Array:
-        """Return the velocity of the centre of the tool's ball end, (3,), m/s."""
+    def tip_velocity_in_world(self, arm: Arm | None = None) -> Array:
+        """Return the velocity of the tip of an arm's shaft, (3,), m/s; by default of the centre of the tool's ball end."""
+        arm = arm or self.tool_arm
         jacobian = np.zeros((3, self.model.nv))
-        mujoco.mj_jacSite(self.model, self.data, jacobian, None, self.tool_arm.tip_site)
-        columns = self.tool_arm.dof_indices
+        mujoco.mj_jacSite(self.model, self.data, jacobian, None, arm.tip_site)
+        columns = arm.dof_indices
         return np.asarray(jacobian[:, columns] @ self.data.qvel[columns])
 
     def contact_force_in_world(self) -> Array:

@@ -14,13 +14,14 @@ __all__ = ["AnyStore", "DepthDataset", "ReferencedDataset", "open_dataset"]
 AnyStore = FrameStore | PairStore | ImportedPairStore
 
 
-def open_dataset(path: Path) -> AnyStore:
+def open_dataset(path: str | Path) -> AnyStore:
     """Open a data set by its format and check everything except the frames, which are checked when they are read.
 
     Raises:
         MissingFileError: If there is none.
         DatasetError: If it is damaged, of an unknown format, or made by an older version.
     """
+    path = Path(path)
     kinds = (FrameStore, PairStore, ImportedPairStore)
     commands = ", ".join(kind.COMMAND for kind in kinds[:-1]) + f" or {kinds[-1].COMMAND}"
     with refusing_damage(f"data set {path}"):

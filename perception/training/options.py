@@ -33,6 +33,7 @@ class StageOptions:
     epochs: Count | None = None
     """Of the last stage."""
     batch: Count | None = None
+    """Frames a step."""
     accumulate: Count | None = None
     """Batches whose gradients are added before a step."""
     learning_rate: Rate | None = None

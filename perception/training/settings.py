@@ -22,6 +22,7 @@ class Schedule:
 
     epochs: Count
     batch: Count = 4
+    """Frames a step."""
     accumulate: Count = 1
     """Batches whose gradients are added before a step."""
     learning_rate: Rate = 1e-3
@@ -84,9 +85,11 @@ class Machine:
     """Where to train; handed to Lightning as it is."""
 
     accelerator: Literal["auto", "cpu", "gpu"] = "auto"
+    """What computes; auto takes a GPU where there is one."""
     devices: Annotated[int, Field(ge=1, le=1024)] = 1
     """Processes on each node, one a device."""
     nodes: Annotated[int, Field(ge=1, le=1024)] = 1
+    """Machines that train together."""
     strategy: str = "auto"
     """`ddp`, for example; `auto` picks it where there are several processes."""
     workers: Annotated[int, Field(ge=0, le=1024)] = 0

@@ -37,6 +37,7 @@ class StageRanges:
     tilt_rad: Annotated[float, Field(ge=0.0, le=0.5)] = math.radians(10.0)
     """Largest tilt of the stage; the turntable turns to any angle."""
     repeatability_m: Annotated[float, Field(ge=0.0, le=1e-3)] = 5e-6
+    """Standard deviation of the stage's position."""
     repeatability_rad: Annotated[float, Field(ge=0.0, le=0.02)] = math.radians(0.005)
     """Standard deviation, along and about each axis, between commanded and reached pose: a good motorised stage."""
 
@@ -53,6 +54,7 @@ class AcquisitionConfig:
     """
 
     pairs: Annotated[int, Field(ge=1, le=1_000_000)] = 722
+    """How many pairs of frames to collect."""
     tissues: Annotated[int, Field(ge=1, le=100_000)] = 38
     """At most as many as there are pairs."""
     split_tissues: tuple[Count, Count, Count] | None = None
@@ -60,6 +62,7 @@ class AcquisitionConfig:
     tool_share: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
     """Fraction of the pairs with the instrument in view; the paper's phantom was alone."""
     seed: Seed = 0
+    """Decides the tissues, the poses and all noise."""
     workers: Workers = 2
     """Processes that take the pairs, which do not depend on their number."""
     engine: Literal["process", "ray"] = "process"

@@ -19,10 +19,12 @@ class DepthEvaluation:
     """Which frames and pixels count, and against what."""
 
     split: Literal["train", "val", "test"] = "test"
+    """Which frames of the data set."""
     against: Literal["exact", "zivid", "both"] = "exact"
     """exact: exact depth, in the range of depth. zivid: the reference camera's reprojected depth, over its whole mask, which
     is the paper's protocol. both: both, and exact depth over the mask, which shows how much of an error is the reference's."""
     nearest_mm: Millimetres = WORKING_RANGE_MM[0]
+    """Least depth that counts."""
     farthest_mm: Millimetres = WORKING_RANGE_MM[1]
     """Pixels whose exact depth lies outside are left out of `exact`."""
     bins_mm: tuple[Millimetres, ...] = (60.0, 80.0, 100.0, 120.0, 140.0)
@@ -35,6 +37,7 @@ class DepthEvaluation:
     residual_deg: Annotated[float, Field(ge=0.0, le=30.0)] = 0.0
     """The rotation is off by exactly this, about an axis that `residual_seed` draws."""
     residual_seed: Seed = 0
+    """Decides the directions of the calibration residual."""
     floor_rows: tuple[Annotated[int, Field(ge=1, le=64)], ...] = (1, 5)
     """Heights in pixels of the windows, one period wide, whose photon floor is given; none leaves it out."""
     sensor: SensorNoise = SensorNoise()
@@ -42,6 +45,7 @@ class DepthEvaluation:
     resamples: Annotated[int, Field(ge=1, le=1_000_000)] = 1000
     """Draws of the bootstrap over tissues."""
     bootstrap_seed: Seed = 0
+    """Decides the resampling behind the intervals."""
     examples: Annotated[int, Field(ge=0, le=20)] = 5
     """Frames kept for the figures."""
 
@@ -65,8 +69,11 @@ class RobustnessConfig:
     """How many frames a condition."""
 
     tissues: Annotated[int, Field(ge=1, le=1000)] = 6
+    """How many tissues are rendered under each condition."""
     frames_per_tissue: Annotated[int, Field(ge=1, le=1000)] = 4
+    """Frames of each of them."""
     seed: Annotated[int, Field(ge=0, le=2**31)] = 0
+    """Decides the tissues and all noise."""
     noise_seeds: Annotated[int, Field(ge=2, le=1000)] = 10
     """Images of each still scene, one a tissue, that differ in their noise alone: how much depth jitters."""
 

@@ -2,12 +2,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from laploop.arrays import Array
-from laploop.configuration import Field, Seed, configuration
 from laploop.control.arm.model import ArmModel
 from laploop.control.arm.rcm_controller import RcmController
 from laploop.envs.episode import run_episode
@@ -17,6 +16,7 @@ from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.ray_camera import RayCamera
 from laploop.envs.theatre.theatre import Theatre
 from laploop.perception.geometry import Rig
+from laploop.studies.fidelity.config import FidelityConfig
 
 NAMES: tuple[FidelityName, ...] = ("full", "fast")
 _FRAME_TICKS = 5
@@ -29,21 +29,6 @@ _LEGS = (
 """What the tool does: velocity of its tip in the world, m/s; it is lowered until the tissue at rest is pressed."""
 _LEG_S = 1.0
 """Duration of holding and of sliding."""
-
-
-@configuration
-class FidelityConfig:
-    """How many tissues, and how hard they are pressed."""
-
-    seeds: Annotated[int, Field(ge=1, le=1000)] = 10
-    """Tissues that are pressed, and episodes of the task at each fidelity."""
-    first_seed: Seed = 0
-    press_m: Annotated[float, Field(gt=0.0, le=0.01)] = 0.003
-    """How far below the surface at rest the ball end's lowest point is driven."""
-    perception: str = "oracle"
-    """Estimator of the episodes."""
-    motion: str = "breathing"
-    """How the tissue moves in the episodes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,20 +1,21 @@
-"""The page of results and the short table in the README, made from the committed summaries of the commands that measured them.
+"""The page of results and the short tables in the README, made from the committed summaries of the commands that measured them.
 
 `python -P -m laploop.studies.readme.results_page docs/results README.md` rewrites both; a test checks that they are up to date.
 """
 
-import json
 import sys
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from laploop.errors import InvalidValueError, MissingFileError, OutputError
+from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.network_specs import SHIPPED
 from laploop.studies.fidelity.run import as_markdown
 from laploop.studies.readme.bench_tables import against_table, bench_rows_table
+from laploop.studies.readme.readme_tables import summary_markdown
 from laploop.studies.readme.results_tables import overall, residual_table, robustness_table, shown, speed_table, tasks_table
+from laploop.studies.readme.summaries import read_summary
 
 BEGIN = "<!-- results: begin -->"
 END = "<!-- results: end -->"
@@ -38,26 +39,26 @@ def results_markdown(folder: Path) -> str:
     Raises:
         MissingFileError: If the folder lacks one of the others.
     """
-    pairs = _read(folder / "depth-pairs.json")
-    trials = [_read(path) for name in TRIALS if (path := folder / f"trials-{name}.json").is_file()]
-    speeds = [_read(path) for name in MODELS if (path := folder / f"speed-{name}.json").is_file()]
+    pairs = read_summary(folder / "depth-pairs.json")
+    trials = [read_summary(path) for name in TRIALS if (path := folder / f"trials-{name}.json").is_file()]
+    speeds = [read_summary(path) for name in MODELS if (path := folder / f"speed-{name}.json").is_file()]
     tasks, residual, robustness, fidelity, against = (
-        _read(path) if (path := folder / f"{name}.json").is_file() else None
+        read_summary(path) if (path := folder / f"{name}.json").is_file() else None
         for name in ("tasks", "depth-pairs-residual", "robustness", "fidelity", "against")
     )
-    sensor = (_read(folder / f"{name}.json") for name in ("characterization", "calibration", "collection"))
+    sensor = (read_summary(folder / f"{name}.json") for name in ("characterization", "calibration", "collection"))
     sections = {
         "Closed loop": _trials_table(trials),
         "Tasks": tasks_table(tasks) if tasks else None,
-        "Depth against exact truth": _depth_table(robustness or _read(DEPTH)),
+        "Depth against exact truth": _depth_table(robustness or read_summary(DEPTH)),
         "Depth against the reference camera": _pairs_table(pairs),
         "What an error of the calibration costs": residual_table(residual, pairs) if residual else None,
         "Depth under other conditions": robustness_table(robustness) if robustness else None,
         "Sensor, calibration, data": _sensor_paragraph(*sensor),
         "Speed of the depth networks": speed_table(speeds) if speeds else None,
         "What `fast` changes": as_markdown(fidelity).rstrip() if fidelity else None,
-        "Time of each stage": _bench_table(_read(folder / "bench.json")),
-        "Steps, resets and memory": bench_rows_table(_read(folder / "bench.json")),
+        "Time of each stage": _bench_table(read_summary(folder / "bench.json")),
+        "Steps, resets and memory": bench_rows_table(read_summary(folder / "bench.json")),
         "Against the revision before": against_table(against) if against else None,
     }
     return _HEADER + "\n".join(f"\n## {title}\n\n{text}\n" for title, text in sections.items() if text is not None)
@@ -68,31 +69,6 @@ _HEADER = """# Results
 Everything here comes from the summaries beside this page. `make results` measures them anew, which takes a few hours on two
 cores, and writes the page.
 """
-
-
-def summary_markdown(folder: Path) -> str:
-    """Return the README's short table for the summaries in `folder`.
-
-    Raises:
-        MissingFileError: If the folder lacks one of them.
-    """
-    reach = _read(folder / "trials-compact-breathing.json")
-    track = next(row for row in _read(folder / "tasks.json")["campaigns"] if row["campaign"] == "track-compact")
-    rms = next(check["value"] for check in track["checks"] if check["name"] == "RMS error along the normal")
-    depth = {model: row["mae_mm"] for model, row in overall(_read(folder / "robustness.json"), "exact").items()}
-    pairs = {model: row["mae_mm"] for model, row in overall(_read(folder / "depth-pairs.json"), "zivid").items()}
-    speed, bench = _read(folder / "speed-compact.json"), _read(folder / "bench.json")
-    rows = {
-        "Touch a point on breathing tissue": f"{100 * reach['success_rate']:.0f} % of {reach['episodes']} episodes, "
-        f"{reach['final_error_mm']['mean']:.2f} mm mean error, never above {reach['contact_force_n']['max']:.2f} N",
-        "Follow breathing and heartbeat, 100 ms late": f"{rms:.2f} mm RMS along the normal, {track['episodes']} episodes",
-        "Depth on held-out tissues, exact truth": f"{depth['compact']:.2f} mm (`compact`), {depth['ssle-phase']:.2f} mm "
-        "(`ssle-phase`), all pixels",
-        "Depth in the paper's protocol": f"{pairs['ssle']:.2f} mm (`ssle`); the paper: 3.70 mm on its own, harder bench",
-        "Frame to depth, one core": f"{speed['p50_ms']:.1f} ms (`compact`)",
-        "Whole loop, two cores": f"{bench['loop']['real_time_factor']['median']:.2f} of real time",
-    }
-    return "\n".join(["| measured | result |", "|---|---|", *(f"| {name} | {result} |" for name, result in rows.items())])
 
 
 def with_results(readme: str, block: str) -> str:
@@ -109,7 +85,7 @@ def with_results(readme: str, block: str) -> str:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Rewrite page and table: `arguments` are the folder of results and the README."""
+    """Rewrite page and tables: `arguments` are the folder of results and the README."""
     folder, readme = (Path(argument) for argument in arguments)
     _write(folder / "README.md", results_markdown(folder))
     _write(readme, with_results(readme.read_text(encoding="utf-8"), summary_markdown(folder)))
@@ -249,13 +225,6 @@ def _tick_lines(stages: Mapping[str, Mapping[str, Any]]) -> list[str]:
         f"quadratic program and prediction, and {most[3]} with the measurement of the depth frame (target: {asked}). In the",
         f"loop, where physics leaves nothing of them in the caches, the same ticks take {most[0]} and {most[1]}.",
     ]
-
-
-def _read(path: Path) -> dict[str, Any]:
-    if not path.is_file():
-        raise MissingFileError("summary", path, "run `make results`")
-    summary: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return summary
 
 
 if __name__ == "__main__":

@@ -39,6 +39,7 @@ class AnatomyRanges(OpticsRanges):
     tissue_roughness: Span[Roughness] = (0.06, 0.7)
     """Bounds on what wet and bare surfaces give."""
     cavity_fraction: Span[Fraction] = (0.02, 0.40)
+    """Irradiance by light that went astray in the cavity, relative to the exitance."""
     working_distance_m: Span[Distance] = (0.060, 0.140)
     """From the camera to the point of the organ that it looks at."""
     usual_distance_m: Span[Distance] = (0.070, 0.110)

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from laploop.configuration import Workers, configuration
 from laploop.envs.episode_config import EpisodeConfig
-from laploop.errors import InvalidValueError, WorkerError
+from laploop.errors import WorkerError
 from laploop.studies.episodes.trials import ROWS_FOLDER, Row, episode_key, failed_row, keep_row, kept_row
+from laploop.studies.sweeps.engine import Engine
 from laploop.studies.sweeps.episode import run_study_episode
 from laploop.studies.sweeps.process_team import run_in_team
 from laploop.studies.sweeps.ray_team import run_on_ray
@@ -18,22 +18,6 @@ _FOLDER_DIGITS = 16
 
 SweepRow = dict[str, Any]
 """An episode's row with its `condition`, `group` and the label of each axis."""
-
-
-@configuration
-class Engine:
-    """Where episodes run."""
-
-    engine: Literal["process", "ray"] = "process"
-    """Worker processes of this machine, or a Ray cluster; one of this machine alone without an address."""
-    workers: Workers = 1
-    """Processes that run episodes at the same time; for a cluster, of one that is started here."""
-    address: str | None = None
-    """Of a running Ray cluster, host:port or ray://host:port."""
-
-    def __post_init__(self) -> None:
-        if self.address is not None and self.engine != "ray":
-            raise InvalidValueError("address", self.address, "none without the engine ray")
 
 
 @dataclass(frozen=True, kw_only=True)

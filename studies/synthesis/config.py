@@ -36,12 +36,17 @@ class TrainingFramesConfig:
     """How many frames of how many tissues; no tissue is in two splits."""
 
     train_tissues: Tissues = 150
+    """Tissues to learn from."""
     val_tissues: Tissues = 10
+    """Tissues to choose the best epoch by."""
     test_tissues: Tissues = 20
+    """Tissues to evaluate on."""
     frames_per_tissue: Annotated[int, Field(ge=1, le=10_000)] = 18
+    """Frames of each tissue."""
     tool_share: Fraction = 0.5
     """Fraction of the frames with the instrument in view."""
     seed: Seed = 0
+    """Decides the tissues, the poses and all noise."""
     workers: Workers = 2
     """Processes that render; the frames do not depend on their number."""
     optics: ScopeOptics = field(default_factory=ScopeOptics)

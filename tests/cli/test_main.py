@@ -69,6 +69,34 @@ def test_unknown_command_lists_what_exists(capsys):
     assert capsys.readouterr().err == f"laploop: unknown command 'fly'; available: {', '.join(sorted(COMMANDS))}\n"
 
 
+def test_unknown_command_names_the_nearest(capsys):
+    assert main(["trial"]) == 2
+    assert capsys.readouterr().err.startswith("laploop: unknown command 'trial'; did you mean 'trials'? available: ")
+
+
+def test_no_help_loads_what_computes():
+    code = (
+        "import contextlib, io, sys\n"
+        "from laploop.cli.main import COMMANDS, main\n"
+        "heavy = {'torch', 'mujoco', 'warp', 'pinocchio', 'matplotlib', 'rerun'}\n"
+        "for arguments in (['--help'], *([name, '--help'] for name in COMMANDS)):\n"
+        "    with contextlib.redirect_stdout(io.StringIO()):\n"
+        "        assert main(arguments) == 0, arguments\n"
+        "    assert not heavy & set(sys.modules), (arguments, heavy & set(sys.modules))\n"
+    )
+    subprocess.run([sys.executable, "-P", "-c", code], check=True)  # noqa: S603
+
+
+@pytest.mark.parametrize(
+    ("code", "limit_s"), [("from laploop.cli.main import main; main(['--help'])", 0.6), ("import laploop.envs", 2.0)]
+)
+def test_help_and_import_are_quick(code, limit_s):
+    """CPU time, twice what is aimed at: 0.3 s and 1 s on a free core."""
+    measured = f"{code}\nimport sys, time; sys.stderr.write(str(time.process_time()))"
+    done = subprocess.run([sys.executable, "-P", "-c", measured], capture_output=True, text=True, check=True)  # noqa: S603
+    assert float(done.stderr) < limit_s
+
+
 @pytest.mark.parametrize(
     ("error", "status", "message"),
     [

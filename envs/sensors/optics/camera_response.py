@@ -14,7 +14,9 @@ class CameraResponse:
     """
 
     gain: Annotated[float, Field(ge=0.01, le=100.0)] = 1.0
+    """Factor on the signal before it becomes grey values."""
     gamma: Annotated[float, Field(ge=0.4, le=4.0)] = 1.0
+    """Exponent of the response; 1 is linear."""
 
     def signal(self, level: float) -> float:
         """Return the signal, a fraction of the full well, whose grey value is a fraction (0 to 1) of full scale."""

@@ -33,6 +33,7 @@ class ExposureControl:
     tolerance: Annotated[float, Field(ge=0.0, le=0.5)] = 0.03
     """Relative difference from the target that is not corrected, so that noise does not make the image flicker."""
     shortest_s: ExposureTime = 2e-4
+    """Shortest exposure."""
     longest_s: ExposureTime = 0.03
     """The default fits 30 images a second."""
 

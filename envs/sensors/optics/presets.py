@@ -38,18 +38,31 @@ class OpticsRanges:
     light: Span[Light] = (0.5, 2.2)
     """LED power times exposure relative to the nominal, drawn evenly in its logarithm."""
     tissue_albedo: Span[Fraction] = (0.28, 0.55)
+    """Fraction of the light that tissue sends back diffusely."""
     tissue_roughness: Span[Roughness] = (0.10, 0.30)
+    """GGX width alpha of wet tissue."""
     tissue_reflectance: Span[Fraction] = (0.020, 0.030)
+    """Fresnel reflectance of wet tissue at normal incidence."""
     subsurface_fwhm_m: Span[SpotWidth] = (0.0006, 0.0015)
+    """Width of a point of light under the surface, at half its height."""
     tool_albedo: Span[Fraction] = (0.08, 0.20)
+    """The instrument's albedo."""
     tool_roughness: Span[Roughness] = (0.25, 0.50)
+    """The instrument's GGX width alpha."""
     stage_albedo: Span[Fraction] = (0.06, 0.20)
+    """The stage's albedo."""
     glare_fraction: Span[Fraction] = (0.02, 0.10)
+    """Fraction of the projector's light that its optics scatter evenly."""
     source_blur_tan: Span[SourceBlur] = (0.0080, 0.0100)
+    """Blur of the mask by the source's size, tangent of its angle."""
     lens_blur_px: Span[LensBlur] = (0.5, 1.0)
+    """Standard deviation of the lens's point spread."""
     read_noise_electrons: Span[ReadNoise] = (2.0, 8.0)
+    """Standard deviation of the read noise."""
     full_well_electrons: Span[FullWell] = (8000.0, 14000.0)
+    """Charge at which a pixel is full."""
     cavity_fraction: Span[Fraction] = (0.03, 0.20)
+    """Irradiance by light that went astray in the cavity, relative to the exitance."""
 
     def __post_init__(self) -> None:
         check_ordered(self)

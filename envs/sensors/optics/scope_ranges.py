@@ -24,13 +24,17 @@ class ScopeRanges:
     """
 
     baseline_m: Span[Baseline] = (0.0038, 0.0055)
+    """From camera to projector."""
     fov_rad: Span[FieldOfView] = (math.radians(55.0), math.radians(75.0))
     """Full field of view of the camera."""
     mask_fov_rad: Span[FieldOfView] | None = None
     """Full field of view that the mask fills; by default the camera's."""
     stripes: Span[Stripes] = (14, 28)
+    """The mask's stripes."""
     duty: Span[Duty] = (0.45, 0.55)
+    """Bright part of a period of the stripes."""
     phase: Span[Phase] = (0.0, 1.0)
+    """Shift of the stripes, in periods."""
 
     def __post_init__(self) -> None:
         check_ordered(self)

@@ -87,7 +87,9 @@ class StripeOptics:
     """Irradiance of everything by light that went astray between tissue and cavity, relative to the mean radiant exitance of
     what the beam lights and the camera sees."""
     f_number: Annotated[float, Field(ge=0.7, le=64.0)] = 4.0
+    """The lens's focal length over its aperture."""
     lens_transmission: Annotated[float, Field(ge=0.01, le=1.0)] = 0.7
+    """Fraction of the light that the lens lets through."""
     vignetting_exponent: Exponent = 4.0
     """The sensor's irradiance falls with the cosine of the angle to the camera's axis to this power; 4 is the natural
     fall-off of a lens without vignetting."""
@@ -100,11 +102,15 @@ class StripeOptics:
     exposure_control: ExposureControl = field(default_factory=ExposureControl)
     """Automatic exposure; by default off."""
     wavelength_m: Annotated[float, Field(ge=350e-9, le=1100e-9)] = 525e-9
+    """The LED's."""
     pixel_pitch_m: Annotated[float, Field(ge=0.5e-6, le=50e-6)] = 3.45e-6
+    """Side of a sensor's pixel."""
     quantum_efficiency: Annotated[float, Field(ge=0.01, le=1.0)] = 0.62
+    """Electrons a photon."""
     full_well_electrons: FullWell = 10500.0
     """Electrons at the output's full scale; the default is that of a Pregius-class sensor."""
     read_noise_electrons: ReadNoise = 2.5
+    """Standard deviation of the read noise."""
     response: CameraResponse = field(default_factory=CameraResponse)
     """From charge to grey value; by default linear."""
     bits: Literal[8, 12] = 8

@@ -26,6 +26,7 @@ class Subsurface:
     """
 
     profile: Literal["none", "gaussian", "dipole"] = "none"
+    """How light spreads under the surface: not at all, as a Gaussian, or as a dipole in a turbid medium."""
     fwhm_m: SpotWidth = 0.001
     """Full width at half maximum of `gaussian`."""
     reduced_scattering_per_m: Annotated[float, Field(ge=50.0, le=1e5)] = 1000.0

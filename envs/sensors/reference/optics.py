@@ -80,20 +80,26 @@ class ReferenceOptics:
     sampling: Sampling = "2x2"
     """A point for each sensor pixel, or for each square of 4 or 16 of them."""
     width: Pixels = 2448
+    """Columns of the camera's image."""
     height: Pixels = 2048
+    """Rows of the camera's image."""
     focal_px: Annotated[float, Field(ge=10.0, le=1e5)] = 2481.0
     """Sizes and focal length at full sampling; the principal point is the middle."""
     region: tuple[Start, Start, Size, Size] | None = None
     """Region of interest: column and row of its first pixel, width and height, in pixels of the sampling; none is the whole
     image. Points outside are not computed; those inside change only by the order of the random numbers."""
     baseline_m: Annotated[float, Field(ge=0.001, le=1.0)] = 0.1112
+    """From the camera's centre to the projector's."""
     projector_forward_m: Annotated[float, Field(ge=-0.2, le=0.2)] = 0.0079
+    """How far the projector's centre is in front of the camera's."""
     projector_yaw_rad: Annotated[float, Field(ge=-1.0, le=1.0)] = 0.085
     """The projector stands to the right (+x) and ahead of the camera, turned towards the camera's axis."""
     projector_half_width_tan: HalfWidth = 500.0 / 932.0
+    """Tangent of half the projector's field of view."""
     projector_half_height_tan: HalfWidth = 360.0 / 932.0
     """Half of the projector's field, 1000 x 720 pixels at a focal length of 932."""
     near_m: Distance = 0.3
+    """Near end of the working range, z-depth."""
     far_m: Distance = 1.1
     """Working range, z-depth; nothing is measured outside it."""
     point_noise_mm: Millimetres = 0.08
@@ -105,6 +111,7 @@ class ReferenceOptics:
     unit_seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
     """Draws the scale error and the bend: which camera of the series this is."""
     reference_albedo: Annotated[float, Field(ge=0.01, le=1.0)] = 0.4
+    """Albedo of the surface for which noise and saturation are given."""
     snr_reference: Annotated[float, Field(ge=1.0, le=1e4)] = 35.0
     """Signal-to-noise ratio of a facing surface of the reference albedo; exposures follow the distance."""
     snr_min: Annotated[float, Field(ge=0.0, le=1e4)] = 7.0
@@ -112,6 +119,7 @@ class ReferenceOptics:
     saturation_ratio: Annotated[float, Field(ge=0.5, le=1e3)] = 2.5
     """Radiance at which the sensor saturates, relative to a facing matte surface of the reference albedo."""
     saturated_is_missing: bool = True
+    """Whether saturated pixels have no point."""
     needs_projector: bool = True
     """Whether points that the projector does not reach are missing, as with a camera of this kind."""
     ambient_fraction: Fraction = 0.05

@@ -2,12 +2,18 @@
 
 import contextlib
 import os
+import threading
+import warnings
 from collections.abc import Iterator
+from pathlib import Path
 
 import warp as wp
 
 from laploop.envs.sensors.kernels import ray_kernels, shading_kernels, shadow_kernels, spread_kernels, zbuffer_kernels
-from laploop.errors import OutputError, UnknownNameError
+from laploop.errors import LaploopNote, OutputError, UnknownNameError
+
+_PATIENCE_S = 3.0
+"""Loading compiled kernels takes a tenth of that."""
 
 
 def open_device(name: str) -> wp.Device:
@@ -28,14 +34,33 @@ def open_device(name: str) -> wp.Device:
             if name not in available:
                 raise UnknownNameError("device", name, available)
             device = wp.get_device(name)
-            for module in (ray_kernels, shading_kernels, shadow_kernels, spread_kernels, zbuffer_kernels):
-                wp.load_module(module, device=device)
+            with _patience(name):
+                for module in (ray_kernels, shading_kernels, shadow_kernels, spread_kernels, zbuffer_kernels):
+                    wp.load_module(module, device=device)
     except OSError as error:
         remedy = "set WARP_CACHE_PATH to a folder that can be written"
         raise OutputError(
             f"cannot keep compiled kernels in {wp.config.kernel_cache_dir}: {error.strerror}; {remedy}"
         ) from error
     return device
+
+
+def kernel_cache() -> Path:
+    """Return the folder that keeps compiled kernels; known once a device was opened."""
+    return Path(wp.config.kernel_cache_dir or ".")
+
+
+@contextlib.contextmanager
+def _patience(device: str) -> Iterator[None]:
+    """Say in one line what takes so long, where loading the kernels means compiling them."""
+    text = f"compiling the ray caster for {device}, once for this machine and version: about a minute"
+    note = threading.Timer(_PATIENCE_S, warnings.warn, [text, LaploopNote])
+    note.daemon = True
+    note.start()
+    try:
+        yield
+    finally:
+        note.cancel()
 
 
 @contextlib.contextmanager

@@ -135,7 +135,7 @@ class SceneGeometry:
             uniform = np.ones(len(rest), dtype=np.float32)
             factors.append(uniform if rng is None else tissue_albedo(rest, appearance, rng))
             start += len(rest)
-        visible = np.isin(model.geom_group, list(groups)) & (_geom_opacity(model) > 0.0)
+        visible = np.isin(model.geom_group, list(groups)) & (geom_opacity(model) > 0.0)
         for index in np.flatnonzero(visible):
             if model.geom(index).name in without:
                 continue
@@ -200,7 +200,7 @@ def _spread(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
     return array
 
 
-def _geom_opacity(model: mujoco.MjModel) -> NDArray[np.float64]:
+def geom_opacity(model: mujoco.MjModel) -> NDArray[np.float64]:
     """Return the alpha of each geom, its material's where it has one."""
     alpha = np.array(model.geom_rgba[:, 3], dtype=np.float64)
     with_material = model.geom_matid >= 0

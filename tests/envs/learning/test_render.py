@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.passive_env_checker import env_render_passive_checker
 
-from laploop.envs.recording import rerun_viewer
+from laploop.envs.recording import rerun_recorder, rerun_viewer
 from laploop.envs.recording.recorder import Recorder
 from laploop.errors import SimulationError
 
@@ -74,14 +74,15 @@ def test_frames_a_second_are_decisions_a_second(learner):
 
 
 def test_a_human_sees_every_episode_in_a_viewer(learner, monkeypatch, tmp_path):
-    spawned, streamed = [], []
-    monkeypatch.setattr(rerun_viewer.rr, "spawn", lambda **keywords: spawned.append(keywords))
+    streamed = []
 
-    def sink():
+    def sink(address):
+        assert address == "rerun+http://here"
         streamed.append(tmp_path / f"{len(streamed)}.rrd")
-        return rerun_viewer.rr.FileSink(streamed[-1])
+        return rerun_recorder.rr.FileSink(streamed[-1])
 
-    monkeypatch.setattr(rerun_viewer.rr, "GrpcSink", sink)
+    monkeypatch.setattr(rerun_viewer, "live_viewer", lambda: "rerun+http://here")
+    monkeypatch.setattr(rerun_recorder.rr, "GrpcSink", sink)
     seen = []
 
     class Watching(Recorder):
@@ -98,7 +99,7 @@ def test_a_human_sees_every_episode_in_a_viewer(learner, monkeypatch, tmp_path):
     assert env.render() is None
     env.close()
     env.close()
-    assert len(streamed) == len(spawned) == 2
+    assert len(streamed) == 2
     for path in streamed:
         # Ticks, frames and the scene: an empty recording has less than a kilobyte.
         assert path.stat().st_size > 100_000

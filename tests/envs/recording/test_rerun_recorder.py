@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import cv2
 import mujoco
 import numpy as np
 import pytest
@@ -12,10 +13,19 @@ from rerun.chunk import RrdReader
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.envs.recording.episode_log import EpisodeLog
-from laploop.envs.recording.recorder import CompositeRecorder, DepthRecord, FrameRecord, NullRecorder, Recorder, TickRecord
+from laploop.envs.recording.picture_colors import ColorScale
+from laploop.envs.recording.recorder import (
+    CompositeRecorder,
+    DepthRecord,
+    FrameRecord,
+    NullRecorder,
+    PredictionRecord,
+    Recorder,
+    TickRecord,
+)
 from laploop.envs.recording.rerun_recorder import DEPTH_UNITS_PER_M, RerunRecorder
 from laploop.envs.recording.rerun_scene import VertexNormals
-from laploop.errors import InvalidValueError, OutputError
+from laploop.errors import OutputError, UnknownNameError
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate, DepthFrame, StripeFrame
 
@@ -105,6 +115,26 @@ def tick_record(index):
         depth_age_ms=None if index < 10 else 48.0,
         stage_ms={"physics": 2.0, "control": 0.3},
         frame_ms={} if index < 10 else {"transfer": 7.0, "service": 40.0},
+        command_mps=np.array([0.001 * index, 0.0, 0.02]),
+        tip_velocity_mps=np.array([0.0, 0.0, 0.01]),
+        goal_in_world=np.array([0.0, 0.0, 0.0315]),
+        off_goal_mm={"along": 2.0, "across": 0.1 * index},
+        joint_position_share=np.full(6, 0.5),
+        joint_speed_share=0.01 * np.arange(6),
+        status="tracking" if index < 7 else "limited",
+        status_reason="" if index < 7 else "speed of joint 3",
+        reward_terms={"distance": -0.1 * index},
+        dropped_frames=index // 5,
+    )
+
+
+def prediction_record(index):
+    true = np.array([0.0, 0.0, 0.09])
+    return PredictionRecord(
+        now_ns=index * 8_000_000,
+        predicted_in_camera=true + np.array([0.0, 0.0003, 0.0004]),
+        true_in_camera=true,
+        predicted_in_world=np.array([0.0, 0.0, 0.03]),
     )
 
 
@@ -122,6 +152,7 @@ def record_episode(path, frames=4, **options):
             theatre.move(index)
             recorder.frame(frame_record(index))
             for number in range(5 * index, 5 * index + 5):
+                recorder.prediction(prediction_record(number))
                 recorder.tick(tick_record(number))
             if index:
                 recorder.depth(depth_record(index - 1))
@@ -180,6 +211,18 @@ def test_every_promised_entity_is_in_the_recording(tmp_path):
         "/plots/frame_ms/transfer",
         "/plots/frame_ms/service",
         "/plots/stage_ms/physics",
+        "/plots/tip_velocity_mmps/command_z",
+        "/plots/tip_velocity_mmps/tip_z",
+        "/plots/joint_position_share/joint_6",
+        "/plots/joint_speed_share/limit",
+        "/plots/prediction_error_mm/distance",
+        "/plots/reward/distance",
+        "/plots/dropped_frames/count",
+        "/states/status",
+        "/world/goal",
+        "/world/prediction",
+        "/scope/image/key_depth",
+        "/scope/image/key_error",
     } <= entities
 
 
@@ -194,18 +237,44 @@ def test_recording_carries_a_blueprint(tmp_path):
     assert len(RrdReader(tmp_path / "episode.rrd").blueprints()) == 1
 
 
-def test_earlier_frames_keep_the_tissue_they_were_recorded_with(tmp_path):
+def test_a_tissue_that_moves_as_a_whole_is_written_once_and_moved_by_its_transform(tmp_path):
     record_episode(tmp_path / "episode.rrd", frames=3)
-    positions = column(tmp_path / "episode.rrd", "/world/tissue", "Mesh3D:vertex_positions")
-    heights = [vertices[0][2] for _, vertices in positions]
-    assert heights == pytest.approx([0.030, 0.031, 0.032], abs=1e-8)  # metres, float32
+    ((time, vertices),) = column(tmp_path / "episode.rrd", "/world/tissue", "Mesh3D:vertex_positions")
+    assert (time, vertices[0][2]) == (0, pytest.approx(0.030, abs=1e-8))  # metres, float32
+    offsets = column(tmp_path / "episode.rrd", "/world/tissue", "Transform3D:translation")
+    assert [offset[0][2] for _, offset in offsets] == pytest.approx([0.0, 0.001, 0.002], abs=1e-8)
+
+
+@pytest.mark.parametrize(("detail", "written"), [("default", 2), ("full", 3)])
+def test_earlier_frames_keep_the_tissue_they_were_recorded_with(tmp_path, detail, written):
+    path, theatre = tmp_path / "episode.rrd", SmallTheatre()
+    with RerunRecorder(path, detail=detail) as recorder:
+        recorder.begin(theatre, RIG)
+        # Two corners rise and two sink: by less than a tenth of a millimetre, then by more.
+        for index, bend_m in enumerate((0.0, 0.00005, 0.0005)):
+            theatre.points[:, 2] = 0.03 + bend_m * np.array([1.0, -1.0, 1.0, -1.0])
+            recorder.frame(frame_record(index))
+    heights = [vertices[0][2] for _, vertices in column(path, "/world/tissue", "Mesh3D:vertex_positions")]
+    assert heights == pytest.approx([0.03, 0.03005, 0.0305][-written:] if written == 3 else [0.03, 0.0305], abs=1e-8)
+
+
+def test_everything_has_its_pose_at_time_0_before_the_first_record(tmp_path):
+    path, theatre = tmp_path / "episode.rrd", SmallTheatre()
+    theatre.move(3)
+    with RerunRecorder(path) as recorder:
+        recorder.begin(theatre, RIG)
+    poses = column(path, "/world/tool_arm/tip", "Transform3D:translation")
+    assert [(time, pose[0][2]) for time, pose in poses] == [(0, pytest.approx(0.097, abs=1e-8))]
+    # A viewer is sent what is static first, so that shapes must not be.
+    order = [(chunk.entity_path, chunk.is_static) for chunk in chunks_of(path)]
+    assert order.index(("/world/tool_arm/tip", False)) < order.index(("/world/tool_arm/tip/ball", False))
 
 
 def test_poses_and_ticks_carry_their_simulated_times(tmp_path):
     record_episode(tmp_path / "episode.rrd", frames=3)
     poses = column(tmp_path / "episode.rrd", "/world/tool_arm/tip", "Transform3D:translation")
-    assert [time for time, _ in poses] == [0, PERIOD_NS, 2 * PERIOD_NS]
-    assert [pose[0][2] for _, pose in poses] == pytest.approx([0.100, 0.099, 0.098], abs=1e-8)
+    assert [time for time, _ in poses] == [0, 0, PERIOD_NS, 2 * PERIOD_NS]
+    assert [pose[0][2] for _, pose in poses] == pytest.approx([0.100, 0.100, 0.099, 0.098], abs=1e-8)
     force = column(tmp_path / "episode.rrd", "/plots/force_n/force", "Scalars:scalars")
     assert [time for time, _ in force] == [8_000_000 * index for index in range(15)]
     assert [value[0] for _, value in force] == pytest.approx([0.1 * index for index in range(15)])
@@ -227,22 +296,87 @@ def test_age_is_absent_before_the_first_depth_frame(tmp_path):
     assert [time for time, _ in ages] == [8_000_000 * index for index in range(10, 15)]
 
 
-@pytest.mark.parametrize("stride", [1, 2])
-def test_stored_truth_is_exact_to_its_unit_and_zero_where_there_is_nothing(tmp_path, stride):
-    record_episode(tmp_path / "episode.rrd", frames=2, map_stride=stride)
-    ((time, buffers),) = column(tmp_path / "episode.rrd", "/scope/image/truth", "DepthImage:buffer")
-    stored = np.array(buffers[0], dtype=np.uint8).view(np.uint16).reshape(32 // stride, 32 // stride)
-    assert time == PERIOD_NS
+def picture(path, entity):
+    """Return the first picture of an entity, as RGB or grey."""
+    (_, (blob,)), *_ = column(path, entity, "EncodedImage:blob")
+    decoded = cv2.imdecode(np.array(blob, np.uint8), cv2.IMREAD_UNCHANGED)
+    return decoded[..., ::-1] if decoded.ndim == 3 else decoded
+
+
+def test_full_detail_keeps_depth_to_its_unit_and_zero_where_there_is_nothing(tmp_path):
+    record_episode(tmp_path / "episode.rrd", frames=2, detail="full")
+    ((time, blobs),) = column(tmp_path / "episode.rrd", "/scope/depth/truth", "EncodedDepthImage:blob")
+    stored = cv2.imdecode(np.array(blobs[0], np.uint8), cv2.IMREAD_UNCHANGED)
+    assert (time, stored.shape, stored.dtype) == (PERIOD_NS, (32, 32), np.uint16)
     assert not stored[0].any()
     # 90 mm in whole units of 0.01 mm
     assert (stored[1:] / DEPTH_UNITS_PER_M * 1000.0 == 90.0).all()
+
+
+@pytest.mark.parametrize(("detail", "tolerance"), [("default", 3), ("full", 0)])
+def test_stripes_are_those_of_the_frame(tmp_path, detail, tolerance):
+    path, theatre = tmp_path / "episode.rrd", SmallTheatre()
+    with RerunRecorder(path, detail=detail) as recorder:
+        recorder.begin(theatre, RIG)
+        recorder.frame(frame_record(77))
+    assert np.abs(picture(path, "/scope/image/stripes").astype(int) - 77).max() <= tolerance
+
+
+def test_an_exact_depth_is_white_in_the_error_and_what_is_unknown_grey(tmp_path):
+    path, theatre = tmp_path / "episode.rrd", SmallTheatre()
+    with RerunRecorder(path) as recorder:
+        recorder.begin(theatre, RIG)
+        recorder.frame(frame_record(0))
+        recorder.depth(depth_record(0, error_mm=0.0))
+    error, depth = picture(path, "/scope/image/error"), picture(path, "/scope/image/depth")
+    assert (error[1:, 1:] >= 240).all()
+    assert (error[0] == 128).all()
+    assert (depth[:, 0] == 128).all()
+
+
+def test_what_is_nearer_than_the_range_has_the_colour_of_its_near_end():
+    scale = ColorScale.of_depths(np.full((4, 4), 90.0, np.float32))
+    tool, near, far = scale.colors(np.array([20.0, 78.0, 102.0]))
+    assert (scale.low_mm, scale.high_mm) == (78.0, 102.0)
+    assert (tool == near).all()
+    assert near.sum() < far.sum()
+
+
+def test_errors_are_red_when_too_near_and_blue_when_too_far():
+    near, far = ColorScale.of_errors().colors(np.array([-3.0, 3.0])).astype(int)
+    assert near[0] > near[2] + 50
+    assert far[2] > far[0] + 50
+
+
+def test_pictures_come_25_times_a_simulated_second_at_most(tmp_path):
+    path, theatre = tmp_path / "episode.rrd", SmallTheatre()
+    with RerunRecorder(path) as recorder:
+        recorder.begin(theatre, RIG)
+        for index in range(6):
+            record = frame_record(index)
+            recorder.frame(replace(record, now_ns=index * 10_000_000))
+    stripes = column(path, "/scope/image/stripes", "EncodedImage:blob")
+    assert [time for time, _ in stripes] == [0, 40_000_000]
+
+
+def test_commands_predictions_and_states_are_those_of_the_ticks(tmp_path):
+    path = tmp_path / "episode.rrd"
+    record_episode(path, frames=3)
+    command = column(path, "/plots/tip_velocity_mmps/command_x", "Scalars:scalars")
+    assert [value[0] for _, value in command] == pytest.approx([1.0 * index for index in range(15)])
+    error = column(path, "/plots/prediction_error_mm/distance", "Scalars:scalars")
+    assert [value[0] for _, value in error] == pytest.approx([0.5] * 15)
+    states = column(path, "/states/status", "StateChange:state")
+    assert [(time, state[0]) for time, state in states] == [(0, "tracking"), (7 * 8_000_000, "limited")]
+    reasons = column(path, "/states/reason", "StateChange:state")
+    assert [state[0] for _, state in reasons] == ["none", "speed of joint 3"]
 
 
 def test_surface_points_lie_where_the_estimate_says(tmp_path):
     record_episode(tmp_path / "episode.rrd", frames=2)
     ((_, points),) = column(tmp_path / "episode.rrd", "/world/surface", "Points3D:positions")
     # The camera looks down from 120 mm, the estimate is 91 mm everywhere; first row and column are not valid.
-    assert len(points) == 7 * 7
+    assert len(points) == 31 * 31
     assert np.array(points)[:, 2] == pytest.approx(0.120 - 0.091, abs=1e-7)
 
 
@@ -311,9 +445,10 @@ def test_folder_that_cannot_be_written_is_named(tmp_path):
         RerunRecorder(tmp_path / "no/such/episode.rrd")
 
 
-def test_stride_below_one_is_refused(tmp_path):
-    with pytest.raises(InvalidValueError, match="map_stride is 0"):
-        RerunRecorder(tmp_path / "episode.rrd", map_stride=0)
+def test_unknown_detail_is_refused(tmp_path):
+    with pytest.raises(UnknownNameError, match="unknown detail of a recording 'ful'; did you mean 'full'"):
+        RerunRecorder(tmp_path / "episode.rrd", detail="ful")
+    assert not list(tmp_path.iterdir())
 
 
 def test_record_before_begin_is_a_mistake(tmp_path):

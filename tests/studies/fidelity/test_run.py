@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from laploop.studies.fidelity import run
-from laploop.studies.fidelity.run import FidelityConfig, as_markdown, measure_fidelity
+from laploop.studies.fidelity.config import FidelityConfig
+from laploop.studies.fidelity.run import as_markdown, measure_fidelity
 
 
 @pytest.fixture(scope="module")

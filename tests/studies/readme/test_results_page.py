@@ -6,6 +6,7 @@ import pytest
 
 from laploop.errors import InvalidValueError, MissingFileError
 from laploop.studies.episodes.task_table import summarise_tasks
+from laploop.studies.readme.readme_tables import summary_markdown
 from laploop.studies.readme.results_page import (
     BEGIN,
     DEPTH,
@@ -13,7 +14,6 @@ from laploop.studies.readme.results_page import (
     _depth_table,
     main,
     results_markdown,
-    summary_markdown,
     with_results,
 )
 from laploop.studies.readme.results_tables import residual_table, robustness_table, speed_table, tasks_table
@@ -34,7 +34,7 @@ def test_the_page_is_written_and_only_the_block_of_the_readme_replaced(tmp_path)
     readme.write_text(f"above\n{BEGIN}\nsuperseded\n{END}\nbelow\n")
     main([str(results), str(readme)])
     text = readme.read_text()
-    assert text.startswith(f"above\n{BEGIN}\n| measured | result |\n")
+    assert text.startswith(f"above\n{BEGIN}\n| [Depth](docs/results/README.md#")
     assert text.endswith(f"{END}\nbelow\n")
     assert "superseded" not in text
     assert "| `compact` |" in (results / "README.md").read_text()

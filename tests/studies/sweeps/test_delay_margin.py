@@ -7,7 +7,8 @@ from laploop.studies.episodes.trials import failed_row
 from laploop.studies.sweeps.analysis import analyse
 from laploop.studies.sweeps.delay_margin import GAIN, frame_delay, gain_delay
 from laploop.studies.sweeps.delay_theory import border_gain_per_s, overshoot_percent
-from laploop.studies.sweeps.run import Engine, run_sweep
+from laploop.studies.sweeps.engine import Engine
+from laploop.studies.sweeps.run import run_sweep
 from laploop.studies.sweeps.sweep_file import read_sweep
 
 

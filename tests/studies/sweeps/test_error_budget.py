@@ -4,8 +4,9 @@ import pytest
 from laploop.errors import SimulationError
 from laploop.studies.episodes.trials import failed_row
 from laploop.studies.sweeps.analysis import analyse
+from laploop.studies.sweeps.engine import Engine
 from laploop.studies.sweeps.error_budget import budget_of
-from laploop.studies.sweeps.run import Engine, run_sweep
+from laploop.studies.sweeps.run import run_sweep
 from laploop.studies.sweeps.shapley import shapley_values
 from laploop.studies.sweeps.sweep_file import read_sweep
 

@@ -6,8 +6,9 @@ import pytest
 from laploop.errors import SimulationError
 from laploop.studies.episodes.trials import failed_row
 from laploop.studies.sweeps.analysis import analyse
+from laploop.studies.sweeps.engine import Engine
 from laploop.studies.sweeps.latency import LATENCY, METRIC, follower_gain_per_s, theory
-from laploop.studies.sweeps.run import Engine, run_sweep
+from laploop.studies.sweeps.run import run_sweep
 from laploop.studies.sweeps.sweep_file import read_sweep
 
 

@@ -8,8 +8,9 @@ from laploop.assets.stripe_mask import StripeMask
 from laploop.errors import SimulationError
 from laploop.studies.episodes.trials import failed_row
 from laploop.studies.sweeps.analysis import analyse
+from laploop.studies.sweeps.engine import Engine
 from laploop.studies.sweeps.pattern import farthest_unambiguous_mm
-from laploop.studies.sweeps.run import Engine, run_sweep
+from laploop.studies.sweeps.run import run_sweep
 from laploop.studies.sweeps.sweep_file import read_sweep
 
 

@@ -10,7 +10,8 @@ from laploop.cli.main import main
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.studies.episodes.trials import failed_row
 from laploop.studies.sweeps.analysis import analyse_generally, lines_of, table_csv, table_markdown
-from laploop.studies.sweeps.run import Engine, run_sweep, write_parquet
+from laploop.studies.sweeps.engine import Engine
+from laploop.studies.sweeps.run import run_sweep, write_parquet
 from laploop.studies.sweeps.sweep_file import read_sweep
 
 
