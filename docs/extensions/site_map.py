@@ -18,6 +18,7 @@ CONTENTS: dict[str, dict[str, tuple[str, ...]]] = {
             "tasks/README",
             "environments",
             "wrappers",
+            "baselines",
             "reference/tasks",
             "reference/commands",
             "reference/configuration",
