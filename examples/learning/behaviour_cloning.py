@@ -60,7 +60,7 @@ def shrunk(depth):
 
 
 torch.manual_seed(options.seed)
-found = sorted(options.data.glob("minari/**/metadata.json")) or sorted(options.data.glob("**/metadata.json"))
+found = sorted(options.data.glob("minari/laploop/*/data/metadata.json"))
 if not found:
     parser.error(f"{options.data} holds no Minari data set; `laploop demonstrate` writes one")
 dataset = MinariDataset(found[0].parent)
