@@ -47,9 +47,9 @@ def load_sb3(folder: Path, env: gym.Env[Any, Any]) -> BasePolicy:
         WeightsError: If the weights are, or do not fit the spaces.
     """
     description = read_description(folder)
-    name = description.get("algorithm")
+    name = str(description.get("algorithm"))
     if name not in ALGORITHMS:
-        raise UnknownNameError("algorithm", str(name), list(ALGORITHMS))
+        raise UnknownNameError("algorithm", name, list(ALGORITHMS))
     kind = ALGORITHMS[name].policy_aliases[_KIND]
     try:
         # The rate of learning is that of training, which a policy at work has none of.

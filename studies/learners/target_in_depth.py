@@ -19,7 +19,7 @@ _EVERY = 4
 """Of so many rows and columns one tells how the tissue moves: 4096 pixels, of which the tool hides a few per cent."""
 
 
-class TargetInDepth(gym.ObservationWrapper[Float32, Any, dict[str, Any]]):
+class TargetInDepth(gym.ObservationWrapper[Any, Any, Any]):
     """Replaces depth maps by what they tell of the target; nothing but what is observed is used.
 
     The target's place and the normal there are read in the first map. From then on the tool may hide it, so the motion of all
@@ -46,7 +46,7 @@ class TargetInDepth(gym.ObservationWrapper[Float32, Any, dict[str, Any]]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Float32, dict[str, Any]]:
         """Look at the target in the first map."""
         observed, info = self.env.reset(seed=seed, options=options)
-        depth_m = decode_depth(observed["depth"]) * 1e-3
+        depth_m = decode_depth(observed["depth"]).astype(np.float64) * 1e-3
         pixel = self._layout.decode(observed["proprioception"])["target_pixel"]
         self._first, self._shift = depth_m[::_EVERY, ::_EVERY], 0.0
         self._target, self._normal = self._patch(depth_m, pixel)
@@ -54,18 +54,14 @@ class TargetInDepth(gym.ObservationWrapper[Float32, Any, dict[str, Any]]):
 
     def observation(self, observation: dict[str, Any]) -> Float32:
         """Return the vector."""
-        depth_m = decode_depth(observation["depth"][::_EVERY, ::_EVERY]) * 1e-3
+        depth_m = decode_depth(observation["depth"][::_EVERY, ::_EVERY]).astype(np.float64) * 1e-3
         shift = self._moved(depth_m - self._first)
         speed = (shift - self._shift) / self._decision_s
         self._shift = shift
         tip = self._layout.decode(observation["proprioception"])["tip_position"]
-        seen = [
-            (self._target + [0.0, 0.0, shift] - tip) / SCALES["to_target"].scale,
-            self._normal,
-            [speed / SCALES["tissue_velocity"].scale],
-        ]
-        vector = np.concatenate([observation["proprioception"], np.clip(np.concatenate(seen), -BOUND, BOUND)])
-        return vector.astype(np.float32)
+        way = (self._target + np.array([0.0, 0.0, shift]) - tip) / SCALES["to_target"].scale
+        seen = np.append(np.concatenate([way, self._normal]), speed / SCALES["tissue_velocity"].scale)
+        return np.concatenate([observation["proprioception"], np.clip(seen, -BOUND, BOUND)], dtype=np.float32)
 
     def _moved(self, change_m: Array) -> float:
         """Return how far the tissue has moved along the view: the mean change of depth without what the tool has changed.
