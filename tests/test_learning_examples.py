@@ -67,6 +67,7 @@ def test_residual_learning_runs_and_tells_of_the_controller_alone(tmp_path):
     assert json.loads((tmp_path / "out" / "base" / "summary.json").read_text())["steps"] == 0
 
 
+@pytest.mark.slow
 def test_cloning_runs_on_a_minari_data_set(tmp_path):
     from minari.data_collector.episode_buffer import EpisodeBuffer
     from minari.dataset.minari_storage import MinariStorage
@@ -75,7 +76,12 @@ def test_cloning_runs_on_a_minari_data_set(tmp_path):
     folder = tmp_path / "data" / "minari" / "laploop" / "reach-v0" / "data"
     folder.mkdir(parents=True)
     storage = MinariStorage.new(
-        folder, observation_space=env.observation_space, action_space=env.action_space, env_spec=env.spec, data_format="parquet"
+        folder,
+        observation_space=env.observation_space,
+        action_space=env.action_space,
+        env_spec=env.spec,
+        data_format="parquet",
+        jpeg_encoding=False,
     )
     storage.update_metadata({"dataset_id": "laploop/reach-v0", "minari_version": "0.5.4"})
     rng = np.random.default_rng(0)
