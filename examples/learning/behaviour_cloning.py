@@ -99,8 +99,8 @@ training = Training(
     keywords=KEYWORDS,
     seed=options.seed,
     steps=options.steps,
-    wall_s=curve.watch.wall_s,
-    cpu_s=curve.watch.cpu_s,
+    wall_s=curve.wall_s,
+    cpu_s=curve.cpu_s,
 )
 
 policy.eval()

@@ -70,16 +70,16 @@ model = PPO(
 if options.resume:
     load_into(model, options.out)
 
-callback = CurveCallback(options.out, network)
+callback = CurveCallback(options.out, network, resume=options.resume)
 model.learn(options.steps, callback=callback, log_interval=5)
 training = Training(
     method=f"ppo, {options.treatment}",
     environment=ENVIRONMENT,
     keywords={**KEYWORDS, "delay_ms": options.delay_ms},
     seed=options.seed,
-    steps=model.num_timesteps,
-    wall_s=callback.curve.watch.wall_s,
-    cpu_s=callback.curve.watch.cpu_s,
+    steps=callback.curve.steps(model.num_timesteps),
+    wall_s=callback.curve.wall_s,
+    cpu_s=callback.curve.cpu_s,
 )
 env.close()
 

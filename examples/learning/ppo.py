@@ -56,16 +56,16 @@ def main():
     if options.resume:
         load_into(model, options.out)
 
-    callback = CurveCallback(options.out, network)
+    callback = CurveCallback(options.out, network, resume=options.resume)
     model.learn(options.steps, callback=callback, log_interval=5)
     training = Training(
         method="ppo",
         environment=ENVIRONMENT.partition(":")[2],
         keywords=KEYWORDS,
         seed=options.seed,
-        steps=model.num_timesteps,
-        wall_s=callback.curve.watch.wall_s,
-        cpu_s=callback.curve.watch.cpu_s,
+        steps=callback.curve.steps(model.num_timesteps),
+        wall_s=callback.curve.wall_s,
+        cpu_s=callback.curve.cpu_s,
     )
     envs.close()
 

@@ -65,8 +65,8 @@ with ray_cluster(options.workers + 1, options.address):
         keywords=KEYWORDS,
         seed=options.seed,
         steps=steps,
-        wall_s=curve.watch.wall_s,
-        cpu_s=curve.watch.cpu_s,
+        wall_s=curve.wall_s,
+        cpu_s=curve.cpu_s,
     )
     algorithm.stop()
 

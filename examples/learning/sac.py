@@ -47,7 +47,7 @@ model = SAC(
 if options.resume:
     load_into(model, options.out)
 
-callback = CurveCallback(options.out, network)
+callback = CurveCallback(options.out, network, resume=options.resume)
 model.learn(options.steps, callback=callback, log_interval=20)
 
 training = Training(
@@ -55,9 +55,9 @@ training = Training(
     environment=ENVIRONMENT,
     keywords=KEYWORDS,
     seed=options.seed,
-    steps=options.steps,
-    wall_s=callback.curve.watch.wall_s,
-    cpu_s=callback.curve.watch.cpu_s,
+    steps=callback.curve.steps(model.num_timesteps),
+    wall_s=callback.curve.wall_s,
+    cpu_s=callback.curve.cpu_s,
 )
 
 # Now the mean of the policy instead of a sample, on seeds that training never used.

@@ -32,19 +32,43 @@ class CurveRow:
 class Curve:
     """The episodes of a training so far."""
 
-    def __init__(self, folder: Path) -> None:
-        """Take the folder to write to; it is made if it is missing."""
-        self.rows: list[CurveRow] = []
+    def __init__(self, folder: Path, *, resume: bool = False) -> None:
+        """Begin a curve, or go on from the one in the folder.
+
+        Args:
+            folder: Where it is written to; made if it is missing.
+            resume: Whether what was trained before counts, if anything was.
+
+        Raises:
+            InvalidValueError: If what is there is no curve.
+        """
         self._path = folder / CURVE
-        self.watch = Stopwatch()
+        self.rows = _rows(self._path) if resume and self._path.is_file() else []
+        none = CurveRow(steps=0, wall_s=0.0, cpu_s=0.0, total_return=0.0, length=0.0, success=0.0)
+        self._before = self.rows[-1] if self.rows else none
+        self._watch = Stopwatch()
+
+    @property
+    def wall_s(self) -> float:
+        """Seconds of training by the clock on the wall."""
+        return self._before.wall_s + self._watch.wall_s
+
+    @property
+    def cpu_s(self) -> float:
+        """Seconds of training of all threads of this process, and of those that went on before it."""
+        return self._before.cpu_s + self._watch.cpu_s
+
+    def steps(self, new: int) -> int:
+        """Return the steps of the whole training after a number of new ones."""
+        return self._before.steps + new
 
     def add(self, *, steps: int, total_return: float, length: float, success: float) -> None:
-        """Add an episode."""
+        """Add an episode that ended after a number of new steps."""
         self.rows.append(
             CurveRow(
-                steps=steps,
-                wall_s=round(self.watch.wall_s, 2),
-                cpu_s=round(self.watch.cpu_s, 2),
+                steps=self.steps(steps),
+                wall_s=round(self.wall_s, 2),
+                cpu_s=round(self.cpu_s, 2),
                 total_return=round(total_return, 4),
                 length=length,
                 success=success,
@@ -63,12 +87,16 @@ def read_curve(folder: Path) -> dict[str, Array]:
     Raises:
         InvalidValueError: If it is none.
     """
-    path = folder / CURVE
+    rows = _rows(folder / CURVE)
+    return {field.name: np.array([getattr(row, field.name) for row in rows], np.float64) for field in fields(CurveRow)}
+
+
+def _rows(path: Path) -> list[CurveRow]:
+    names = [field.name for field in fields(CurveRow)]
     with path.open(encoding="utf-8", newline="") as stream:
-        rows = list(csv.DictReader(stream))
+        found = list(csv.DictReader(stream))
     try:
-        return {field.name: np.array([float(row[field.name]) for row in rows]) for field in fields(CurveRow)}
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidValueError(
-            "curve", str(path), f"a table with {', '.join(field.name for field in fields(CurveRow))}"
-        ) from error
+        numbers = [{name: float(row[name]) for name in names} for row in found]
+        return [CurveRow(**{**row, "steps": round(row["steps"])}) for row in numbers]
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InvalidValueError("curve", str(path), f"a table with {', '.join(names)}") from error

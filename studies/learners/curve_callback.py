@@ -14,10 +14,19 @@ from laploop.studies.learners.sb3_policy import save_sb3
 class CurveCallback(BaseCallback):
     """Keeps the curve of a learner of stable-baselines3, and its policy, on disk."""
 
-    def __init__(self, folder: Path, policy_kwargs: Mapping[str, JsonValue], *, every: int = 2000) -> None:
-        """Take the folder, what the policy was made with, and after how many steps both are written."""
+    def __init__(
+        self, folder: Path, policy_kwargs: Mapping[str, JsonValue], *, resume: bool = False, every: int = 2000
+    ) -> None:
+        """Take where to write to.
+
+        Args:
+            folder: Of both.
+            policy_kwargs: What the policy was made with.
+            resume: Whether the curve that is there goes on.
+            every: Steps after which both are written.
+        """
         super().__init__()
-        self.curve = Curve(folder)
+        self.curve = Curve(folder, resume=resume)
         self._folder, self._policy_kwargs, self._every = folder, policy_kwargs, every
         self._written = 0
 

@@ -72,6 +72,18 @@ def test_a_training_leaves_its_curve_and_its_policy(tmp_path):
     assert load_sb3(tmp_path, Still()).predict(np.zeros(3, np.float32))[0].shape == (2,)
 
 
+def test_a_curve_goes_on_where_it_ended(tmp_path):
+    for resume in (False, True):
+        model = PPO("MlpPolicy", Still(), n_steps=8, batch_size=8, policy_kwargs=dict(NETWORK), seed=0)
+        callback = CurveCallback(tmp_path, NETWORK, resume=resume)
+        model.learn(8, callback=callback)
+    curve = read_curve(tmp_path)
+    assert curve["steps"].tolist() == [4, 8, 12, 16]
+    assert np.all(np.diff(curve["wall_s"]) >= 0.0)
+    assert callback.curve.steps(model.num_timesteps) == 16
+    assert callback.curve.cpu_s > curve["cpu_s"][1]
+
+
 def test_another_table_is_no_curve(tmp_path):
     (tmp_path / CURVE).write_text("a,b\n1,2\n")
     with pytest.raises(InvalidValueError, match="total_return"):
