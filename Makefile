@@ -114,7 +114,7 @@ studies: $(DEV)
 	  && cp runs/study-$$study/summary.json $(RESULTS)/study-$$study.json || exit 1; done
 	$(BIN)/python -P -m laploop.studies.readme.study_pages $(RESULTS) docs/studies
 
-# All learners with three seeds each, and their page: most of a day on two cores.
+# All learners with three seeds each, and their page: most of a day.
 baselines: $(DEV)
 	$(BIN)/laploop demonstrate --task reach --observation depth+state --fidelity fast --perception oracle --episodes 100 \
 	  --out runs/demonstrations

@@ -47,7 +47,7 @@ def test_ppo_goes_on_from_its_policy(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("arguments", [("ppo.py",), ("ppo.py", "--workers", "2"), ("crossq.py",)], ids=" ".join)
+@pytest.mark.parametrize("arguments", [("ppo.py",), ("ppo.py", "--workers", "2"), ("tqc.py",)], ids=" ".join)
 def test_learners_of_reach_run(tmp_path, arguments):
     run(*arguments[:1], tmp_path, *arguments[1:])
     check(tmp_path, "laploop/Reach-v1")

@@ -51,7 +51,7 @@ class Method:
 METHODS: Mapping[str, Method] = {
     "ppo": Method(script="ppo.py"),
     "sac": Method(script="sac.py"),
-    "crossq": Method(script="crossq.py"),
+    "tqc": Method(script="tqc.py"),
     "cloning": Method(script="behaviour_cloning.py"),
     "residual": Method(script="residual_rl.py"),
     "naive": Method(script="delayed_ppo.py", arguments=("--treatment", "naive")),

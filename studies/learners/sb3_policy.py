@@ -6,7 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 from pydantic import JsonValue
-from sb3_contrib import TQC, CrossQ
+from sb3_contrib import TQC
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.policies import BasePolicy
@@ -14,7 +14,7 @@ from stable_baselines3.common.policies import BasePolicy
 from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.studies.learners.policy_file import load_weights, read_description, save_policy
 
-ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "tqc": TQC, "crossq": CrossQ}
+ALGORITHMS: Mapping[str, type[BaseAlgorithm]] = {"ppo": PPO, "sac": SAC, "tqc": TQC}
 """By the name in a description."""
 
 _KIND = "MlpPolicy"
