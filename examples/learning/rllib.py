@@ -49,9 +49,8 @@ with ray_cluster(options.workers + 1, options.address):
     )
     algorithm, curve, steps = config.build_algo(), Curve(options.out), 0
     while steps < options.steps:
-        result = algorithm.train()
-        steps = int(result["num_env_steps_sampled_lifetime"])
-        runs = result["env_runners"]
+        runs = algorithm.train()["env_runners"]
+        steps = int(runs["num_env_steps_sampled_lifetime"])
         if "episode_return_mean" in runs:
             mean, length = float(runs["episode_return_mean"]), float(runs["episode_len_mean"])
             curve.add(steps=steps, total_return=mean, length=length, success=float("nan"))
