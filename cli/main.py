@@ -49,6 +49,8 @@ COMMANDS = {
     "trials": "run many episodes, one a seed; success rate and error table",
     "study": "sweep conditions with the same seeds; latency, delays, error budget",
     "tasks": "run every task over many seeds; which meets its targets",
+    "demonstrate": "make a data set of demonstrations, for Minari or LeRobot",
+    "replay": "repeat an episode of such a data set; what differs",
     "bench": "measure every stage of the loop on this machine",
     "fidelity": "measure what the cheaper simulation changes",
     "collect": "collect stripe frames paired with a reference camera's depth",

@@ -32,6 +32,10 @@ from .loop.timing.latency import LognormalLatency as LognormalLatency
 from .loop.timing.latency import MeasuredLatency as MeasuredLatency
 from .loop.timing.latency import NormalLatency as NormalLatency
 from .loop.timing.latency import TraceLatency as TraceLatency
+from .randomisation.distributions import Distribution as Distribution
+from .randomisation.files import randomisation_of as randomisation_of
+from .randomisation.randomisation import Randomisation as Randomisation
+from .randomisation.randomisation import with_values as with_values
 from .recording.recorder import CompositeRecorder as CompositeRecorder
 from .recording.recorder import NullRecorder as NullRecorder
 from .recording.recorder import Recorder as Recorder
@@ -106,6 +110,7 @@ __all__ = [
     "ControllerConfig",
     "Criterion",
     "DelayRandomization",
+    "Distribution",
     "EnvironmentState",
     "EpisodeConfig",
     "EpisodeOptions",
@@ -133,6 +138,7 @@ __all__ = [
     "PalpateLearnerEnv",
     "PerceptionConfig",
     "PredictorConfig",
+    "Randomisation",
     "ReachConfig",
     "ReachEnv",
     "ReachLearnerEnv",
@@ -171,7 +177,9 @@ __all__ = [
     "environment_id",
     "get_state",
     "optics_preset",
+    "randomisation_of",
     "run_episode",
     "set_state",
     "with_fidelity",
+    "with_values",
 ]

@@ -7,7 +7,7 @@ The camera is the computer-vision one: x right, y down, z forward, pixel centres
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Annotated, Any
 
 import numpy as np
@@ -94,7 +94,7 @@ class Rig:
     @classmethod
     def from_optics(cls, optics: ScopeOptics) -> "Rig":
         """Make the nominal rig of a scope."""
-        camera = Intrinsics.from_fov(width=optics.width, height=optics.height, fov_rad=optics.fov_rad)
+        camera = _pinhole(optics.width, optics.height, optics.fov_rad)
         return cls(camera=camera, baseline_m=optics.baseline_m, mask=optics.mask)
 
     @property
@@ -113,6 +113,12 @@ class Rig:
         difference = self.camera.rays[..., 0] - projector_x
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(difference > 0.0, self.baseline_m / difference, np.nan)
+
+
+@lru_cache(maxsize=16)
+def _pinhole(width: int, height: int, fov_rad: float) -> Intrinsics:
+    """Return the camera of a scope; many environments share its table of rays, 1.5 MB."""
+    return Intrinsics.from_fov(width=width, height=height, fov_rad=fov_rad)
 
 
 def rigid_transform(name: str, transform: Any) -> Array:

@@ -5,6 +5,13 @@ from .calibration.run import BenchCalibration as BenchCalibration
 from .calibration.run import calibrate_bench as calibrate_bench
 from .characterization.config import CharacterizationConfig as CharacterizationConfig
 from .characterization.run import characterise as characterise
+from .demonstrations.collection import CollectionConfig as CollectionConfig
+from .demonstrations.config import DemonstrationConfig as DemonstrationConfig
+from .demonstrations.config import Perturbation as Perturbation
+from .demonstrations.dataset import make_dataset as make_dataset
+from .demonstrations.demonstration import Demonstration as Demonstration
+from .demonstrations.recorded import open_demonstrations as open_demonstrations
+from .demonstrations.replay import replay as replay
 from .depth.config import DepthEvaluation as DepthEvaluation
 from .depth.config import RobustnessConfig as RobustnessConfig
 from .depth.evaluation import evaluate_depth as evaluate_depth
@@ -40,10 +47,14 @@ __all__ = [
     "Campaign",
     "CharacterizationConfig",
     "Check",
+    "CollectionConfig",
     "Condition",
+    "Demonstration",
+    "DemonstrationConfig",
     "DepthEvaluation",
     "Engine",
     "FidelityConfig",
+    "Perturbation",
     "RobustnessConfig",
     "SpeedConfig",
     "Sweep",
@@ -54,12 +65,15 @@ __all__ = [
     "characterise",
     "collect_pairs",
     "evaluate_depth",
+    "make_dataset",
     "measure_fidelity",
     "measure_jitter",
     "measure_robustness",
     "measure_speed",
+    "open_demonstrations",
     "read_sweep",
     "render_training_frames",
+    "replay",
     "run_bench",
     "run_sweep",
     "run_task_table",

@@ -93,15 +93,15 @@ MUTATIONS = (
     Mutation(
         name="observed-force-in-the-true-cameras-frame",
         file="envs/tasks/task_env.py",
-        before="bounded(known.contact_force_in_camera,",
+        before="bounded(force,",
         after="bounded(self.loop.theatre.world_from_camera()[:3, :3].T @ self.loop.reading().contact_force_in_world,",
         tests=("tests/envs/loop/test_closed_loop.py",),
     ),
     Mutation(
         name="known-force-in-the-true-cameras-frame",
         file="envs/loop/closed_loop.py",
-        before="contact_force_in_camera=camera_from_world[:3, :3] @",
-        after="contact_force_in_camera=self.theatre.world_from_camera()[:3, :3].T @",
+        before="contact_force_in_camera=force,",
+        after="contact_force_in_camera=self.theatre.world_from_camera()[:3, :3].T @ reading.contact_force_in_world,",
         tests=("tests/envs/loop/test_closed_loop.py",),
     ),
     Mutation(

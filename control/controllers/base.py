@@ -65,6 +65,11 @@ class TaskController(ABC, Generic[ConfigT]):
         """What the controller is doing."""
 
     @property
+    def config(self) -> ConfigT:
+        """What it was made with."""
+        return self._config
+
+    @property
     def target(self) -> Target | None:
         """What is known of the target, from the last tick."""
         return self._target

@@ -18,6 +18,8 @@ CONTENTS: dict[str, dict[str, tuple[str, ...]]] = {
             "tasks/README",
             "environments",
             "wrappers",
+            "vector",
+            "learning",
             "baselines",
             "reference/tasks",
             "reference/commands",

@@ -2,8 +2,9 @@
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, cast
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -12,24 +13,30 @@ from numpy.typing import NDArray
 
 from laploop.arrays import Array
 from laploop.control.messages import TipController
-from laploop.envs.learning.encoding import DEPTH_FAR_MM, DEPTH_NEAR_MM, VectorLayout, encode_depth, encode_stripes
+from laploop.envs.learning.encoding import DEPTH_FAR_MM, DEPTH_NEAR_MM
+from laploop.envs.learning.observations import encoded_observation, observation_space, vector_layout
 from laploop.envs.learning.options import LearnerOptions, applied, decision_ticks, learner_options, uses_depth
 from laploop.envs.learning.privileged import PRIVILEGED, privileged_quantities, tip_to_target
+from laploop.envs.learning.randomised_task import RandomisedTask, TaskParts
 from laploop.envs.learning.render import RENDER_MODES, EpisodeView, RenderMode, joined, viewer_of
 from laploop.envs.learning.rewards import SUCCESS, TIME, approach, shared_terms
+from laploop.envs.randomisation.files import RandomisationLike
+from laploop.envs.randomisation.randomisation import Values
 from laploop.envs.recording.recorder import Recorder
 from laploop.envs.tasks.actions import action_bound, action_size, scaled_action
-from laploop.envs.tasks.registry import default_config, make_environment, task_spec
+from laploop.envs.tasks.registry import default_config, task_spec
+from laploop.envs.tasks.reset_arguments import check_reset
+from laploop.envs.tasks.steppable_env import Begin, Info, Step, SteppableEnv
 from laploop.envs.tasks.task_config import TaskConfig
-from laploop.envs.tasks.task_env import HARMS, Info, TaskEnv
+from laploop.envs.tasks.task_env import HARMS, TaskEnv
+from laploop.envs.theatre.physics_call import PhysicsRun
 from laploop.envs.wrappers.chain_state import ChainState, get_state, set_state
 from laploop.errors import InvalidValueError, LaploopNote, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 
-_OTHER_KEYWORDS = ("config", "perception", "recorder", "controller", "render_mode")
+_OTHER_KEYWORDS = ("config", "perception", "recorder", "controller", "render_mode", "randomisation")
 _WORST_SCALARS = ("contact_force_n",)
 _WORST_BY_ARM = ("rcm_error_mm", "port_force_n", "port_friction_n")
-_OWN_SENSES: Mapping[str, int] = {"tip_position": 3, "tip_velocity": 3, "contact_force": 3}
 
 _TISSUES = 10
 """How many are tried before a reset gives up."""
@@ -37,7 +44,7 @@ _TISSUES = 10
 Observation = Any
 
 
-class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
+class LearnerEnv(SteppableEnv):
     """A task behind the interface that learners expect; one step is one decision, 40 ms by default.
 
     It stands around the environment of a task, `task_env`, whose actions it holds for the control periods of a decision. An
@@ -82,7 +89,7 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     Those of `LearnerOptions`, and `config` (the task's whole configuration), `perception` (name of an estimator, or an object;
     by default `compact` where depth is used), `recorder`, `controller` (what `residual` adds to), `render_mode` (`rgb_array` or
-    `human`).
+    `human`), `randomisation` (what differs between episodes; `info["randomisation"]` of a reset says what was drawn).
 
     ## Version history
 
@@ -95,7 +102,17 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
     task_name: ClassVar[str | None] = None
     """The task, where a class is made for one."""
     lasting: ClassVar[frozenset[str]] = frozenset(
-        {"options", "layout", "decision_ticks", "action_scale", "depth_near_mm", "depth_far_mm", "render_mode", "_viewer"}
+        {
+            "options",
+            "layout",
+            "decision_ticks",
+            "action_scale",
+            "depth_near_mm",
+            "depth_far_mm",
+            "render_mode",
+            "_viewer",
+            "_task",
+        }
     )
     """Attributes that belong to no state."""
 
@@ -108,6 +125,7 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         recorder: Recorder | None = None,
         controller: TipController | None = None,
         render_mode: RenderMode | None = None,
+        randomisation: RandomisationLike = "none",
         **options: Any,
     ) -> None:
         """Make the environment; nothing is simulated or rendered before `reset`.
@@ -120,6 +138,7 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
             recorder: Receives everything that happens, every control period.
             controller: What the action `residual` adds to, in place of the task's scripted controller.
             render_mode: rgb_array, or human: a Rerun viewer.
+            randomisation: What differs from episode to episode: none, narrow, wide, the path of a TOML file, or what it holds.
             options: Fields of `LearnerOptions`.
 
         Raises:
@@ -138,23 +157,24 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Control periods a decision."""
         self.render_mode = render_mode
         self._viewer = viewer_of(render_mode)
-        self.task_env: TaskEnv[Any] = make_environment(
-            name,
-            config=whole,
+        parts = TaskParts(
+            name=name,
             perception=perception or ("compact" if uses_depth(whole) else "oracle"),
             recorder=joined(recorder, self._viewer),
             controller=controller,
         )
-        """The task itself."""
+        self._task = RandomisedTask(whole, parts, randomisation)
+        self.task_env: TaskEnv[Any] = self._task.env
+        """The task itself; of another configuration, another object."""
         self.metadata = {**self.metadata, "render_fps": 1e3 / self.options.decision_period_ms}
         self.action_scale: float = action_bound(whole)
         """What an action of 1 stands for, m/s or rad/s."""
         self.depth_near_mm, self.depth_far_mm = DEPTH_NEAR_MM, DEPTH_FAR_MM
         """Depths of the grey values 1 and 255."""
-        self.layout = self._layout()
+        self.layout = vector_layout(self.options.observation, self.task_env)
         """Entries of the vector that is observed."""
         self.action_space = spaces.Box(-1.0, 1.0, (action_size(whole),), np.float32)
-        self.observation_space = self._observation_space()
+        self.observation_space = observation_space(self.options.observation, self.task_env, self.layout)
         self._view: EpisodeView | None = None
         self._newest: Info | None = None
 
@@ -163,6 +183,20 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Most steps that an episode has; fewer by those that the first frame takes to arrive."""
         config: TaskConfig = self.task_env.config
         return math.ceil(round(config.max_seconds * 1e9) / (config.loop.control_ns * self.decision_ticks))
+
+    @property
+    def action_check(self) -> Callable[[object], Array]:
+        """See `SteppableEnv`."""
+        return partial(scaled_action, config=self.task_env.config)
+
+    @property
+    def reset_options(self) -> tuple[str, ...]:
+        """What `reset` takes in its options."""
+        return self.task_env.reset_options
+
+    def share_cores(self) -> None:
+        """See `SteppableEnv`."""
+        self._task.share_cores()
 
     # What a task defines.
 
@@ -185,25 +219,38 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     # What all tasks share.
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Begin an episode; arguments and errors as for `TaskEnv.reset`.
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> Begin:
+        """See `SteppableEnv`."""
+        self._note_time_limit()
+        return super().reset(seed=seed, options=options)
+
+    def resetting(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> PhysicsRun[Begin]:
+        """Begin an episode of the task.
 
         A tissue on which the task cannot be set, such as one without room for a line, is replaced by the next one drawn.
         """
-        observed, info = self._begun_task(seed, options)
-        super().reset(seed=None if seed is None else int(seed))
-        self._note_time_limit()
+        check_reset(seed, options, self.task_env.reset_options)
+        drawn = self._drawn(seed)
+        observed, info = yield from self._begun_task(seed, options)
+        self.seed_generator(seed)
         self._newest = info
         quantities = self._privileged()
-        return self._observation(observed, quantities), self._info(info, {}, quantities)
+        return self._observation(observed, quantities), {**self._info(info, {}, quantities), "randomisation": drawn}
 
-    def step(self, action: NDArray[np.floating[Any]]) -> tuple[Observation, float, bool, bool, Info]:
-        """Hold an action for a decision, or until the episode ends.
+    def set_randomisation(self, randomisation: RandomisationLike | None = None, *, width: float = 1.0) -> None:
+        """Set what the episodes from the next reset on differ in, as a curriculum does.
+
+        Args:
+            randomisation: As in `__init__`; None keeps the present one.
+            width: 0 to 1: scales the distance of the ends of all distributions from the nominal values.
 
         Raises:
-            InvalidValueError: If the action has another shape, or an entry that is not finite where that is an error.
-            SimulationError: If the episode has ended or not begun.
+            LaploopError: As from `__init__`.
         """
+        self._task.randomise(randomisation, width)
+
+    def stepping(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[Step]:
+        """Hold an action for a decision, or until the episode ends."""
         if self._newest is None:
             raise SimulationError("the episode has not begun; call reset() first")
         config = self.task_env.config
@@ -211,7 +258,7 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         infos = [self._newest]
         terms: dict[str, float] = {}
         for _ in range(self.decision_ticks):
-            _, terminated, truncated, info = self.task_env.tick(command)
+            _, terminated, truncated, info = yield from self.task_env.ticking(command)
             for name, value in self._reward_terms(infos[-1], info, command / self.action_scale).items():
                 terms[name] = terms.get(name, 0.0) + float(value)
             infos.append(info)
@@ -244,6 +291,8 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
     def set_state(self, state: ChainState) -> None:
         """Go on from a state of an environment like this one; errors as for `TaskEnv.set_state`."""
         self._drop_view()
+        if isinstance(state, ChainState):
+            self.task_env = self._task.resumed(state.environment.config)
         set_state(self, state)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -258,63 +307,33 @@ class LearnerEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self._viewer is not None:
             self._viewer.close()
 
-    def _begun_task(self, seed: int | None, options: dict[str, Any] | None) -> tuple[dict[str, Any], Info]:
+    def _drawn(self, seed: int | None) -> Values:
+        """Draw the episode's configuration; without a seed, from the generator that the last one has set."""
+        if self._task.is_random and seed is None:
+            seed = int(self.np_random.integers(2**63))
+        values = self._task.draw(0 if seed is None else int(seed))
+        if self.task_env is not self._task.env:
+            self._drop_view()
+            self.task_env = self._task.env
+        return values
+
+    def _begun_task(self, seed: int | None, options: dict[str, Any] | None) -> PhysicsRun[tuple[dict[str, Any], Info]]:
         """Reset the task, on another tissue if need be: training should not break off because of one in a hundred."""
         for _ in range(_TISSUES - 1):
             try:
-                return self.task_env.reset(seed=seed, options=options)
+                return (yield from self.task_env.resetting(seed=seed, options=options))
             except SimulationError:
                 # From here on the generator that the seed has set decides.
                 seed = None
-        return self.task_env.reset(seed=seed, options=options)
+        return (yield from self.task_env.resetting(seed=seed, options=options))
 
     def _drop_view(self) -> None:
         if self._view is not None:
             self._view.close()
             self._view = None
 
-    def _layout(self) -> VectorLayout:
-        """Return the layout of the vector that is observed: the robot's own senses, the task's own keys, and the truth."""
-        observation = self.options.observation
-        sizes = dict(_OWN_SENSES) if observation == "state" else {**_OWN_SENSES, "frame_age": 1}
-        observed = cast("spaces.Dict", self.task_env.observation_space)
-        own = {key: cast("spaces.Box", observed[key]) for key in self._task_keys()}
-        senses = VectorLayout.of(sizes, own)
-        return senses + PRIVILEGED if "state" in observation else senses
-
-    def _task_keys(self) -> tuple[str, ...]:
-        return ("target_pixel", *self.task_env.extra_spaces())
-
-    def _observation_space(self) -> spaces.Space[Any]:
-        scope, vector = self.task_env.config.loop.theatre.scope, self.layout.space()
-        image = spaces.Box(0, 255, (scope.height, scope.width, 1), np.uint8)
-        parts: dict[str, dict[str, spaces.Space[Any]]] = {
-            "depth": {"depth": image, "proprioception": vector},
-            "stripes": {"stripes": image, "proprioception": vector},
-            "depth+state": {"depth": image, "state": vector},
-        }
-        found = parts.get(self.options.observation)
-        return vector if found is None else spaces.Dict(found)
-
     def _observation(self, observed: Mapping[str, Any], truth: Mapping[str, Array]) -> Observation:
-        """Return the observation of what the task observes, and of the truth where that belongs to it."""
-        observation = self.options.observation
-        frame_age = np.array([self._frame_age_s()])
-        own = {key: np.ravel(observed[key]) for key in (*_OWN_SENSES, *self._task_keys())}
-        vector = self.layout.encode({**truth, **own, "frame_age": frame_age})
-        if observation == "state":
-            return vector
-        if observation == "stripes":
-            return {"stripes": encode_stripes(observed["stripes"]), "proprioception": vector}
-        depth = encode_depth(observed["depth_mm"], observed["depth_valid"])
-        return {"depth": depth, "state" if observation == "depth+state" else "proprioception": vector}
-
-    def _frame_age_s(self) -> float:
-        """Return the time since the observed frame was captured, by its time stamp."""
-        loop = self.task_env.loop
-        served, arrived = loop.newest_served, loop.newest_arrived
-        newest = arrived if self.options.observation == "stripes" else None if served is None else served.captured
-        return 0.0 if newest is None else (loop.now_ns - newest.time_stamp_ns) * 1e-9
+        return encoded_observation(self.options.observation, self.task_env, self.layout, observed, truth)
 
     def _privileged(self) -> Mapping[str, Array]:
         return privileged_quantities(self.task_env, self.to_target())

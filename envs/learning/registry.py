@@ -35,15 +35,19 @@ LEARNERS: dict[str, LearnerSpec] = {
 """By task."""
 
 
+def learner_spec(task: str) -> LearnerSpec:
+    """Return what Gymnasium's entry of a task says; one that has no environment of its own gets what all of them share."""
+    return LEARNERS.get(task) or LearnerSpec(entry_point="laploop.envs.learning.learner_env:LearnerEnv")
+
+
 def register_learner(task: str) -> None:
-    """Register a task for learners; one that has no environment of its own gets what all of them share."""
-    spec = LEARNERS.get(task)
-    if spec is None:
-        register(environment_id(task, 1), entry_point="laploop.envs.learning.learner_env:LearnerEnv", kwargs={"task": task})
-        return
+    """Register a task for learners."""
+    spec = learner_spec(task)
     register(
         environment_id(task, 1),
         entry_point=spec.entry_point,
+        vector_entry_point="laploop.envs.batch.making:make_learner_vector",
+        kwargs={"task": task},
         max_episode_steps=spec.max_episode_steps,
         reward_threshold=spec.reward_threshold,
     )

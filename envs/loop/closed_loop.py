@@ -1,7 +1,6 @@
 """Everything between a desired tip velocity and the next depth frame: physics, stripes, perception, trocar-aware control."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
@@ -16,15 +15,17 @@ from laploop.envs.loop.frame_renderer import FrameRenderer
 from laploop.envs.loop.kinematic_errors import KinematicErrors
 from laploop.envs.loop.limit_monitor import LimitMonitor
 from laploop.envs.loop.miscalibrated_arm import MiscalibratedArm, MiscalibratedScope, MiscalibratedTool
-from laploop.envs.loop.observed_theatre import ObservedTheatre, SceneState
+from laploop.envs.loop.observed_theatre import ObservedTheatre
 from laploop.envs.loop.perception_server import PerceptionServer, ServedFrame
 from laploop.envs.loop.proprioception import Proprioception, ProprioceptiveReading
+from laploop.envs.loop.savable_loop import SavableLoop
 from laploop.envs.loop.stage_timer import StageTimer
 from laploop.envs.loop.timing.command_path import CommandPath, JointTarget
 from laploop.envs.loop.timing.config import TimingSamples
 from laploop.envs.loop.timing.frame_transfer import FrameTransfer
 from laploop.envs.loop.timing.log import TimingLog
 from laploop.envs.recording.recorder import ARM_NAMES, FrameRecord, NullRecorder, Recorder
+from laploop.envs.theatre.physics_call import PhysicsRun, run_alone
 from laploop.errors import SimulationError
 from laploop.perception.estimators.base import DepthEstimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
@@ -33,7 +34,7 @@ MAX_WAIT_NS = 10_000_000_000
 """How long a reset waits for the first depth frame."""
 
 
-class ClosedLoop:
+class ClosedLoop(SavableLoop):
     """A theatre with its sensor, its perception stage and its arm controllers, under one clock.
 
     In every physics step the order is: physics, proprioception, capture if a camera period begins, arrival of depth frames. In
@@ -73,15 +74,16 @@ class ClosedLoop:
         self.max_force_n = self.mean_force_n = 0.0
         self._images_ahead = images or self.recorder.takes_frames or self.recorder.takes_depth
         self._depth_ahead = depth or self.recorder.takes_depth
-        # While physics goes on, the camera has work for the other cores; whoever looks at the image of the moment waits for it.
-        self.observed = ObservedTheatre(config, self.rig, threads=None if self._images_ahead else 1)
+        self.observed = ObservedTheatre(config, self.rig, images=self._images_ahead, depth=self._depth_ahead)
         self._renderer: FrameRenderer | None = None
         self._server: PerceptionServer | None = None
         self._lasting = frozenset(vars(self)) - {"max_force_n", "mean_force_n", "_renderer", "_server"}
         self.timing = config.timing  # Of the next episode; `DelayRandomization` puts another one here.
 
-    def reset(self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None) -> None:
-        """Build the theatre and run it, arms held, until the first depth frame has arrived.
+    def resetting(
+        self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None
+    ) -> PhysicsRun[None]:
+        """Build the theatre and run it, arms held, until the first depth frame has arrived; stops where MuJoCo computes.
 
         Args:
             rng: Source of noise, of latencies, of the tissue's texture, and of the proprioceptive channels' corruption.
@@ -132,7 +134,7 @@ class ClosedLoop:
         while self.newest_served is None:
             if self.now_ns > MAX_WAIT_NS:
                 raise SimulationError(f"no depth frame arrived within {MAX_WAIT_NS * 1e-9:.0f} s of simulated time")
-            self.advance(np.zeros(3))
+            yield from self.advancing(np.zeros(3))
 
     def advance(self, tip_velocity_in_camera: Array, scope_velocity_in_camera: Array | None = None) -> list[ServedFrame]:
         """Run one control period.
@@ -144,6 +146,12 @@ class ClosedLoop:
         Returns:
             The depth frames that arrived, oldest first.
         """
+        return run_alone(self.advancing(tip_velocity_in_camera, scope_velocity_in_camera))
+
+    def advancing(
+        self, tip_velocity_in_camera: Array, scope_velocity_in_camera: Array | None = None
+    ) -> PhysicsRun[list[ServedFrame]]:
+        """As `advance`, stopping where MuJoCo computes."""
         if self.newest_served is not None:
             self.timing_log.use(self.newest_served.captured.times, self.now_ns)
         control_s = self.config.control_s
@@ -168,7 +176,7 @@ class ClosedLoop:
         for _ in range(self.config.physics_steps_per_control):
             self._commands.deliver(self.now_ns)
             with self.timer.measure("physics"):
-                self.theatre.step()
+                yield from self.theatre.stepping()
             self.timer.complete("physics")
             self._proprioception.after_physics_step()
             self._capture_if_due()
@@ -275,36 +283,6 @@ class ClosedLoop:
         """End the running episode, if any, and all threads."""
         self._end_episode()
         self.observed.close()
-
-    def parts(self) -> dict[str, Any]:
-        """Return what outlives states: the objects to which they refer by name."""
-        mine = {f"loop.{name}": getattr(self, name) for name in ("config", "estimator", "recorder", "rig", "timer")}
-        return {"loop": self, **mine, "loop.rig.camera": self.rig.camera, **self.observed.parts()}
-
-    def memory(self) -> dict[str, Any]:
-        """Return what changes from reset on, except theatre and camera (`observed`): not a copy, but nothing is under way."""
-        for worker in (self._server, self._renderer):
-            if worker is not None:
-                worker.settle()
-        return {name: value for name, value in vars(self).items() if name not in self._lasting | {"theatre"}}
-
-    def set_scene(self, state: SceneState | None) -> None:
-        """End the running episode, and bring theatre and camera into a state; `remember` must follow."""
-        self._end_episode()
-        if state is not None:
-            before, self.theatre = self.observed.theatre, self.observed.set_state(state)
-            if self.theatre is not before:
-                self.recorder.begin(self.theatre, self.rig)
-
-    def remember(self, memory: dict[str, Any]) -> None:
-        """Go on from a copy of what `memory` has returned."""
-        vars(self).update(memory)
-
-    def _end_episode(self) -> None:
-        for worker in (self._server, self._renderer):
-            if worker is not None:
-                worker.close()
-        self._server = self._renderer = None
 
     def _take_extremes(self) -> None:
         """Find the worst of the newest control period's physics steps."""

@@ -9,6 +9,7 @@ import numpy as np
 from laploop.arrays import Array
 from laploop.envs.loop.background import BackgroundWorker, Pending
 from laploop.envs.loop.stage_timer import StageTimer
+from laploop.envs.sensors.shared_stripe_camera import SharedStripeCamera
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.sensors.stripe_capture import DepthView, ExactView, StripeCapture
 
@@ -40,7 +41,7 @@ class FrameRenderer:
     control it does: there all of them are, in their order.
     """
 
-    def __init__(self, camera: StripeCamera, noise_rng: np.random.Generator, timer: StageTimer) -> None:
+    def __init__(self, camera: StripeCamera | SharedStripeCamera, noise_rng: np.random.Generator, timer: StageTimer) -> None:
         """Render what the camera, attached to its scene, is shown; times go to the timer as `render`."""
         self._camera = camera
         self._noise_rng = noise_rng

@@ -8,6 +8,7 @@ import numpy as np
 
 from laploop.envs.loop.config import LoopConfig
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
+from laploop.envs.sensors.shared_stripe_camera import SharedStripeCamera
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.envs.theatre.theatre import Theatre, TheatreState
 from laploop.errors import SimulationError
@@ -34,12 +35,22 @@ class ObservedTheatre:
         camera: Attached to it.
     """
 
-    def __init__(self, config: LoopConfig, rig: Rig, *, threads: int | None) -> None:
-        """Keep what theatres and camera are made from; `threads` are those of the camera."""
+    def __init__(self, config: LoopConfig, rig: Rig, *, images: bool, depth: bool) -> None:
+        """Keep what theatres and camera are made from.
+
+        Args:
+            config: Theatre, optics and device.
+            rig: That of the scope.
+            images: Whether each image will be asked for.
+            depth: Whether each depth map will be. Where nobody asks for either, loops share one camera's buffers.
+        """
         self._config = config
         self._rig = rig
-        self._threads = threads
-        self.camera: StripeCamera | None = None
+        self._shares = not images and not depth
+        # While physics goes on, it has work for the other cores; whoever looks at the image of the moment waits for it.
+        self.threads: int | None = None if images else 1
+        """CPU threads of the camera once it is made; None for what the machine offers."""
+        self.camera: StripeCamera | SharedStripeCamera | None = None
         self.theatre: Theatre | None = None
         self._texture_rng: np.random.Generator | None = None
 
@@ -50,7 +61,7 @@ class ObservedTheatre:
         self.theatre = Theatre(self._config.theatre, self._config, seed=seed)
         return self.theatre
 
-    def look(self, texture_rng: np.random.Generator) -> StripeCamera:
+    def look(self, texture_rng: np.random.Generator) -> StripeCamera | SharedStripeCamera:
         """Return the camera as it is at the begin of an episode, attached to the theatre, whose texture `texture_rng` draws.
 
         Raises:
@@ -60,7 +71,7 @@ class ObservedTheatre:
             raise SimulationError("there is no theatre to look at; build one first")
         optics = self._config.optics
         if self.camera is None:
-            self.camera = StripeCamera(self._rig, optics, device=self._config.device, threads=self._threads)
+            self.camera = self._made_camera()
         elif self.camera.optics != optics:
             # Exposure control has changed it.
             self.camera.set_optics(optics)
@@ -111,3 +122,9 @@ class ObservedTheatre:
         if self.camera is not None:
             self.camera.close()
             self.camera = None
+
+    def _made_camera(self) -> StripeCamera | SharedStripeCamera:
+        config = self._config
+        if self._shares:
+            return SharedStripeCamera(config.theatre.scope, config.optics, device=config.device)
+        return StripeCamera(self._rig, config.optics, device=config.device, threads=self.threads)

@@ -3,7 +3,6 @@
 The channels are observables of dm_control's composer, which schedules, delays and corrupts them in physics steps.
 """
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ import numpy as np
 
 from laploop.arrays import Array
 from laploop.configuration import Field, configuration
+from laploop.envs.composer_modules import composer_module
 from laploop.envs.loop.timing.latency import Milliseconds
 from laploop.envs.theatre.clock_rates import ClockRates
 from laploop.perception.geometry import transform_points
@@ -67,11 +67,7 @@ class Proprioception:
 
     def __init__(self, body: "MiscalibratedTool", config: ProprioceptionConfig, rates: ClockRates) -> None:
         """Set the channels up; `reset` fills them with the first reading."""
-        with warnings.catch_warnings():
-            # Without a display, the window library that dm_control loads and we never use complains.
-            warnings.simplefilter("ignore")
-            from dm_control.composer.observation import observable
-            from dm_control.composer.observation.updater import Updater
+        observable = composer_module("observation.observable")
         self._made_of = body, config, rates
         self._physics = _Physics(body)
         self._force_window = config.force_window_steps
@@ -91,7 +87,7 @@ class Proprioception:
         }
         for channel in channels.values():
             channel.enabled = True
-        self._updater = Updater(
+        self._updater = composer_module("observation.updater").Updater(
             channels,
             physics_steps_per_control_step=rates.physics_steps_per_control,
             strip_singleton_buffer_dim=True,

@@ -11,7 +11,8 @@ from laploop.control.messages import ControlInput
 from laploop.envs.tasks.configs import LookConfig
 from laploop.envs.tasks.measures import Samples, nearness
 from laploop.envs.tasks.observations import Observation, bounded
-from laploop.envs.tasks.task_env import Info, TaskEnv
+from laploop.envs.tasks.steppable_env import Info
+from laploop.envs.tasks.task_env import TaskEnv
 from laploop.perception.geometry import invert_transform, transform_points
 
 

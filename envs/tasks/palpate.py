@@ -9,7 +9,8 @@ from gymnasium import spaces
 from laploop.envs.tasks.configs import PalpateConfig
 from laploop.envs.tasks.measures import Samples, nearness
 from laploop.envs.tasks.observations import Observation, bounded
-from laploop.envs.tasks.task_env import Info, TaskEnv
+from laploop.envs.tasks.steppable_env import Info
+from laploop.envs.tasks.task_env import TaskEnv
 
 
 class PalpateEnv(TaskEnv[PalpateConfig]):

@@ -5,7 +5,8 @@ from typing import ClassVar
 
 from laploop.envs.tasks.configs import ReachConfig
 from laploop.envs.tasks.measures import nearness
-from laploop.envs.tasks.task_env import Info, TaskEnv
+from laploop.envs.tasks.steppable_env import Info
+from laploop.envs.tasks.task_env import TaskEnv
 
 
 class ReachEnv(TaskEnv[ReachConfig]):

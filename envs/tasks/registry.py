@@ -10,7 +10,7 @@ from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Literal, get_type_hints
 
 from laploop.errors import InvalidValueError
-from laploop.registry import Registry
+from laploop.registry import Registry, call_checked
 
 if TYPE_CHECKING:
     from laploop.envs.tasks.task_config import TaskConfig
@@ -166,8 +166,10 @@ def make_environment(task: str, **keywords: Any) -> "TaskEnv[Any]":
 
     Raises:
         UnknownNameError: If there is no such task.
+        InvalidValueError: If its environment does not take a keyword.
     """
-    return task_spec(task).environment_class(**keywords)
+    made: TaskEnv[Any] = call_checked("environment", task, task_spec(task).environment_class, **keywords)
+    return made
 
 
 def _resolved(place: Any) -> Any:

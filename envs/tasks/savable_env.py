@@ -3,12 +3,9 @@
 from abc import abstractmethod
 from typing import Any
 
-import gymnasium as gym
-import numpy as np
-from numpy.typing import NDArray
-
 from laploop.envs.environment_state import EnvironmentState, class_place, laploop_version, packed, unpacked
 from laploop.envs.loop.closed_loop import ClosedLoop
+from laploop.envs.tasks.steppable_env import SteppableEnv
 from laploop.envs.tasks.task_config import TaskConfig
 from laploop.errors import InvalidValueError
 from laploop.perception.estimators.base import DepthEstimator
@@ -17,7 +14,7 @@ _LASTING = {"config", "loop", "action_space", "observation_space", "spec", "_per
 """Attributes that belong to no state; all others do, those of a task of your own included."""
 
 
-class SavableEnv(gym.Env[dict[str, Any], NDArray[np.float32]]):
+class SavableEnv(SteppableEnv):
     """What `TaskEnv` is made of: configuration, estimator and loop, and what changes during an episode.
 
     `copy.copy`, `copy.deepcopy` and `pickle` make a new environment of the same configuration and set the state. It has threads

@@ -14,9 +14,10 @@ from laploop.envs.tasks.configs import ScanConfig
 from laploop.envs.tasks.measures import Samples, nearness
 from laploop.envs.tasks.observations import Observation, bounded
 from laploop.envs.tasks.path_choice import between, choose_path_pixels, evenly
+from laploop.envs.tasks.steppable_env import Info
 from laploop.envs.tasks.surface_point import PathFoot, SurfacePath, SurfacePoint
 from laploop.envs.tasks.target_choice import checked_pixels
-from laploop.envs.tasks.task_env import Info, TaskEnv
+from laploop.envs.tasks.task_env import TaskEnv
 from laploop.errors import InvalidValueError
 
 

@@ -1,7 +1,7 @@
 """What all tasks have in common behind Gymnasium's interface."""
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar, Generic, TypeVar, cast
@@ -31,16 +31,17 @@ from laploop.envs.tasks.observations import (
 from laploop.envs.tasks.registry import task_spec
 from laploop.envs.tasks.reset_arguments import check_reset
 from laploop.envs.tasks.savable_env import SavableEnv
+from laploop.envs.tasks.steppable_env import Begin, Info, Step
 from laploop.envs.tasks.surface_point import SurfacePoint
 from laploop.envs.tasks.target_choice import checked_pixels, choose_target_pixel
 from laploop.envs.tasks.task_config import TaskConfig
 from laploop.envs.tasks.tick_record import tick_record
+from laploop.envs.theatre.physics_call import PhysicsRun
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.perception.estimators.base import DepthEstimator
-from laploop.perception.estimators.registry import make_estimator
+from laploop.perception.estimators.chosen import chosen_estimator
 from laploop.perception.geometry import Rig, invert_transform, transform_points
 
-Info = dict[str, Any]
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 
 HARMS = ("force", "rcm")
@@ -101,14 +102,11 @@ class TaskEnv(SavableEnv, Generic[ConfigT]):
         self.config: ConfigT = config or cast("Any", self.config_type)()
         self._perception = perception
         scope = self.config.loop.theatre.scope
-        estimator = make_estimator(perception, Rig.from_optics(scope)) if isinstance(perception, str) else perception
-        if isinstance(estimator, type) or not isinstance(estimator, DepthEstimator):
-            raise InvalidValueError("perception", estimator, "name of an estimator, or an object with estimate(image)")
         mode = self.config.observation_mode
         hides = any(fault.kind == "target-hidden" for fault in self.config.loop.faults)
         self.loop = ClosedLoop(
             self.config.loop,
-            estimator,
+            chosen_estimator(perception, Rig.from_optics(scope)),
             recorder,
             moves_scope=self.moves_scope,
             locate_target=self.target_in_world if self.config.marker or hides else None,
@@ -137,6 +135,15 @@ class TaskEnv(SavableEnv, Generic[ConfigT]):
     def task(self) -> str:
         """The task's name."""
         return self.config.kind
+
+    @property
+    def action_check(self) -> Callable[[object], Array]:
+        """See `SteppableEnv`."""
+        return partial(checked_action, config=self.config)
+
+    def share_cores(self) -> None:
+        """See `SteppableEnv`."""
+        self.loop.observed.threads = 1
 
     # What a task defines.
 
@@ -192,44 +199,29 @@ class TaskEnv(SavableEnv, Generic[ConfigT]):
 
     # What all tasks share.
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Build a tissue, start the loop, choose a target.
-
-        Args:
-            seed: Decides everything that is random in the episode.
-            options: `{"target_pixel": (column, row)}` chooses the target by hand.
-
-        Raises:
-            UnknownNameError: If there is no such option.
-            InvalidValueError: If the seed is not an integer from 0 on, or the chosen pixel shows no tissue.
-        """
+    def resetting(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> PhysicsRun[Begin]:
+        """Build a tissue, start the loop, choose a target: in the first frame, at time 0, before the loop runs."""
         check_reset(seed, options, self.reset_options)
-        super().reset(seed=None if seed is None else int(seed))
+        self.seed_generator(seed)
         self._running = False
         theatre_rng, target_rng = self.np_random.spawn(2)
         theatre_seed = int(theatre_rng.integers(2**31)) if seed is None else int(seed)
         self._interpreter.reset()
-        # The target is chosen in the first frame, at time 0, before the loop runs.
         self._target = self._touched = None
         choose = partial(self.choose_target, target_rng, options or {})
-        self.loop.reset(theatre_rng, theatre_seed=theatre_seed, at_first_frame=choose)
+        yield from self.loop.resetting(theatre_rng, theatre_seed=theatre_seed, at_first_frame=choose)
         self.measure(begin=True)
         self._running = True
         info = self._info(reward_terms={}, terminated_by=None, succeeded=False)
         return self.observation(), info
 
-    def step(self, action: NDArray[np.floating[Any]]) -> tuple[Observation, float, bool, bool, Info]:
-        """Run one control period; raises as `tick`."""
-        reward, terminated, truncated, info = self.tick(action)
+    def stepping(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[Step]:
+        """Run one control period, and observe."""
+        reward, terminated, truncated, info = yield from self.ticking(action)
         return self.observation(), reward, terminated, truncated, info
 
-    def tick(self, action: NDArray[np.floating[Any]]) -> tuple[float, bool, bool, Info]:
-        """Run one control period without observing, for whoever looks only after several of them.
-
-        Raises:
-            InvalidValueError: If the action has another shape, or an entry that is not finite where that is an error.
-            SimulationError: If the episode has ended or not begun.
-        """
+    def ticking(self, action: NDArray[np.floating[Any]]) -> PhysicsRun[tuple[float, bool, bool, Info]]:
+        """Run one control period without observing, for whoever looks only after several of them."""
         if not self._running:
             raise SimulationError("the episode has ended or not begun; call reset() first")
         checked = checked_action(action, self.config)
@@ -237,9 +229,9 @@ class TaskEnv(SavableEnv, Generic[ConfigT]):
         self._running = False
         velocity = self._interpreter.velocity(checked, self.control_input)
         if self.moves_scope:
-            self.loop.advance(np.zeros(3), velocity)
+            yield from self.loop.advancing(np.zeros(3), velocity)
         else:
-            self.loop.advance(velocity)
+            yield from self.loop.advancing(velocity)
         self.measure(begin=False)
         terminated_by = self._harm() or self.ended_by()
         truncated = terminated_by is None and self.loop.now_ns >= round(self.config.max_seconds * 1e9)

@@ -7,7 +7,8 @@ import numpy as np
 from laploop.assets.shafts import INSTRUMENT
 from laploop.envs.tasks.configs import TrackConfig
 from laploop.envs.tasks.measures import Samples, nearness
-from laploop.envs.tasks.task_env import Info, TaskEnv
+from laploop.envs.tasks.steppable_env import Info
+from laploop.envs.tasks.task_env import TaskEnv
 
 
 class TrackEnv(TaskEnv[TrackConfig]):

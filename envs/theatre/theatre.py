@@ -15,6 +15,7 @@ from laploop.envs.theatre.actuation import Actuation
 from laploop.envs.theatre.arm import Arm
 from laploop.envs.theatre.clock_rates import ClockRates
 from laploop.envs.theatre.config import TheatreConfig
+from laploop.envs.theatre.physics_call import PhysicsCall, PhysicsRun, run_alone
 from laploop.envs.theatre.scene import scene_of
 from laploop.envs.theatre.stage import Stage
 from laploop.envs.theatre.step_log import StepLog, distance_from_axis
@@ -132,13 +133,17 @@ class Theatre:
         Raises:
             SimulationError: If the state became invalid or MuJoCo gave a warning.
         """
+        run_alone(self.stepping())
+
+    def stepping(self) -> PhysicsRun[None]:
+        """As `step`, stopping where MuJoCo computes."""
         for arm in self.arms:
             self.data.ctrl[arm.actuator_indices] = self._references[arm.name].step(self.now_ns)
         # Positions are fresh, and forces are still to be summed: `mj_step` in two halves, the second first.
         if self.config.trocar.acts:
             for trocar in self._trocars.values():
                 trocar.apply()
-        mujoco.mj_step2(self.model, self.data)
+        yield PhysicsCall(mujoco.mj_step2, self.model, self.data)
         collided = False
         if self.data.ncon:
             self._contact_force = self._summed_contact_force()
@@ -147,14 +152,13 @@ class Theatre:
         elif self._contact_force.any():
             self._contact_force = np.zeros(3)
         self._steps += 1
-        self.refresh()
+        yield from self._refreshing()
         self.log.add(self.contact_force_in_world(), collided=collided)
         self._check()
 
     def refresh(self) -> None:
         """Bring stage, poses, tissue and contacts up to the present state; needed after a change to it from outside."""
-        self.stage.place(self.now_ns)
-        mujoco.mj_step1(self.model, self.data)
+        run_alone(self._refreshing())
 
     def get_state(self) -> TheatreState:
         """Return everything in which this theatre differs from another one of the same configuration and seed."""
@@ -244,6 +248,10 @@ class Theatre:
         """Return the distance between an arm's trocar point and the axis of its shaft."""
         pose = self.world_from_shaft(arm)
         return float(distance_from_axis(arm.trocar_in_world, pose[:3, 3], pose[:3, 2]))
+
+    def _refreshing(self) -> PhysicsRun[None]:
+        self.stage.place(self.now_ns)
+        yield PhysicsCall(mujoco.mj_step1, self.model, self.data)
 
     def _summed_contact_force(self) -> Array:
         force = np.zeros(3)

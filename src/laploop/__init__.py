@@ -14,5 +14,10 @@ __version__ = version("laploop")
 __all__ = ["__version__"]
 
 for _task in TASKS.names():
-    register(environment_id(_task), entry_point="laploop.envs.tasks.registry:make_environment", kwargs={"task": _task})
+    register(
+        environment_id(_task),
+        entry_point="laploop.envs.tasks.registry:make_environment",
+        vector_entry_point="laploop.envs.batch.making:make_task_vector",
+        kwargs={"task": _task},
+    )
     register_learner(_task)

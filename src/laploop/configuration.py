@@ -36,6 +36,7 @@ __all__ = [
     "Workers",
     "allowed",
     "alternatives",
+    "at_path",
     "configuration",
     "field_docs",
     "from_plain",
@@ -106,6 +107,14 @@ def merged(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
         )
         result[key] = merged(before, value) if same else value
     return result
+
+
+def at_path(path: str, value: Any) -> dict[str, Any]:
+    """Return nested tables that hold a value alone, at a dotted path; `merged` lays them over others."""
+    for part in reversed(path.split(".")):
+        value = {part: value}
+    found: dict[str, Any] = value
+    return found
 
 
 @functools.cache

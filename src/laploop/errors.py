@@ -49,7 +49,7 @@ class UnknownNameError(LaploopError, ValueError):
 
     def __init__(self, kind: str, name: object, available: Iterable[str]) -> None:
         names = sorted(available)
-        nearest = get_close_matches(str(name).rpartition(".")[2], names, n=1)
+        nearest = get_close_matches(str(name), names, n=1) or get_close_matches(str(name).rpartition(".")[2], names, n=1)
         hint = f"did you mean {nearest[0]!r}? " if nearest else ""
         super().__init__(f"unknown {kind} {name!r}; {hint}available: {', '.join(names)}")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from laploop.assets.phantom_import.phantom_mesh import load_phantom
-from laploop.configuration import merged
+from laploop.configuration import at_path, merged
 from laploop.control.controllers.registry import make_controller
 from laploop.envs.episode_config import OWN, EpisodeConfig, EpisodeOptions
 from laploop.envs.tasks.registry import task_spec
@@ -47,20 +47,20 @@ class Settings:
         plain: dict[str, Any] = {}
         for path, value in self.values.items():
             if path not in options:
-                plain = merged(plain, _nested(self._full(path, episode), value))
+                plain = merged(plain, at_path(self._full(path, episode), value))
         return episode.with_plain(plain) if plain else episode
 
     def _options(self) -> dict[str, Any]:
         return {name: value for name, value in self.values.items() if name in _OPTIONS and not isinstance(value, Mapping)}
 
-    def _full(self, path: str, episode: EpisodeConfig) -> list[str]:
-        first, *rest = path.split(".")
+    def _full(self, path: str, episode: EpisodeConfig) -> str:
+        first = path.partition(".")[0]
         if first in _PARTS:
-            return [first, *rest]
+            return path
         of_task = {field.name for field in dataclasses.fields(episode.task)}
         if first not in of_task:
             raise UnknownNameError("path", path, _OPTIONS | _PARTS | of_task)
-        return ["task", first, *rest]
+        return f"task.{path}"
 
 
 def episode_of(parts: Sequence[Settings]) -> EpisodeConfig:
@@ -110,10 +110,3 @@ def check_buildable(episodes: Iterable[EpisodeConfig]) -> None:
         make_estimator(perception.name, rig, perception.weights, perception.arguments)
         if theatre.tissue.mesh is not None:
             load_phantom(theatre.tissue.mesh)
-
-
-def _nested(path: Sequence[str], value: Any) -> dict[str, Any]:
-    for part in reversed(path):
-        value = {part: value}
-    found: dict[str, Any] = value
-    return found

@@ -31,6 +31,8 @@ class BenchConfig:
     """Fidelities at which steps, episodes, resets, physics, camera and memory are measured."""
     observations: Annotated[tuple[ObservationName, ...], Field(min_length=1, max_length=4)] = get_args(ObservationName)
     """Observations whose steps are measured; behind depth, the estimator."""
+    vectors: Annotated[tuple[Annotated[int, Field(ge=1, le=1024)], ...], Field(min_length=0, max_length=8)] = (2, 8, 32)
+    """Numbers of environments of the vectors whose steps are measured, from the least on; memory is that between both ends."""
     rounds: Annotated[int, Field(ge=1, le=1000)] = 7
     """Measurements of each of these; those of another checkout come in between."""
     steps: Annotated[int, Field(ge=1, le=10_000)] = 10

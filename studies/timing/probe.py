@@ -13,17 +13,20 @@ import inspect
 import itertools
 import json
 import math
+import multiprocessing
 import os
 import resource
 import sys
 import time
+from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol, TextIO
+from typing import Any, TextIO
 
 import numpy as np
+from gymnasium.vector import SyncVectorEnv, VectorEnv
 
 import laploop
 from laploop.assets.shafts import INSTRUMENT
@@ -40,6 +43,7 @@ try:
 except ModuleNotFoundError:
     with_fidelity = None  # type: ignore[assignment]  # an older checkout knows `full` alone
 
+
 FRAME_NS = 40_000_000
 """What counts as one step of the environment, in simulated time: a period of the camera."""
 
@@ -53,6 +57,8 @@ OBSERVATIONS = {
 
 _CIRCLE_M, _CIRCLE_S = 0.004, 4.0
 """Radius and period of the tip's slow circle above the tissue."""
+_TICKS = 5
+"""Control periods in such a step."""
 _HOVER_M = 0.008
 _PRESS_N = 0.3
 _FORCE_SEEN_TICKS = 2000
@@ -61,14 +67,20 @@ _ENDLESS_S = 3600.0
 Sample = dict[str, Any]
 
 
-class Measure(Protocol):
+class Measure(ABC):
     """Something prepared that can be measured again and again."""
 
+    _env: Any = None
+    """The environment that it measures, if it does."""
+
+    @abstractmethod
     def block(self, number: int, /) -> Sample:
         """Measure once."""
 
     def close(self) -> None:
-        """End whatever it started."""
+        """End the environment's threads and processes."""
+        if self._env is not None:
+            self._env.close()
 
 
 def _took(work: Callable[[], object], units: float) -> Sample:
@@ -84,12 +96,36 @@ def _reach(fidelity: str, **changes: Any) -> ReachConfig:
     return config if with_fidelity is None else with_fidelity(config, fidelity)
 
 
+def make_vector(fidelity: str, observation: str, environments: int) -> Any:
+    """Return a vector of what `Steps` measures one of: the checkout's own, or else Gymnasium's."""
+    try:
+        from laploop.envs.batch.making import make_task_vector
+    except ModuleNotFoundError:
+        return SyncVectorEnv([lambda: _environment(fidelity, observation)] * environments)
+    mode, perception = OBSERVATIONS[observation]
+    config = _reach(fidelity, observation_mode=mode)
+    return make_task_vector(num_envs=environments, task="reach", config=config, perception=perception)
+
+
+def _on_circle(now_ns: int) -> Any:
+    """Return the action at a time that moves the tip on its circle."""
+    angle, speed = math.tau * now_ns * 1e-9 / _CIRCLE_S, math.tau * _CIRCLE_M / _CIRCLE_S
+    return np.array([speed * math.cos(angle), speed * math.sin(angle), 0.0], dtype=np.float32)
+
+
+def _held_mb() -> float:
+    """Return what this process and those that it started hold, what they share counted once."""
+    mine = [os.getpid(), *(process.pid for process in multiprocessing.active_children())]
+    lines = [line for pid in mine for line in Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="utf-8").splitlines()]
+    return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) * 1.024e-3
+
+
 def _environment(fidelity: str, observation: str) -> ReachEnv:
     mode, perception = OBSERVATIONS[observation]
     return ReachEnv(_reach(fidelity, observation_mode=mode), perception=perception)
 
 
-class Steps:
+class Steps(Measure):
     """Steps of the environment while the tip moves on a slow circle above the tissue."""
 
     def __init__(self, *, fidelity: str, observation: str, seed: int, count: int) -> None:
@@ -116,10 +152,6 @@ class Steps:
         stages["other"] = 1e3 * sample["wall_s"] / self._count - sum(stages.values())
         return sample | {"stage_ms": stages, "background_ms": background}
 
-    def close(self) -> None:
-        """End the loop's threads."""
-        self._env.close()
-
     def _lap(self) -> dict[str, float]:
         lap: dict[str, float] = self._ask_laps()
         for stage, spent_ms in lap.items():
@@ -133,15 +165,50 @@ class Steps:
         loop = self._env.loop
         end_ns = loop.now_ns + self._count * FRAME_NS
         while loop.now_ns < end_ns:
-            angle = math.tau * loop.now_ns * 1e-9 / _CIRCLE_S
-            speed = math.tau * _CIRCLE_M / _CIRCLE_S
-            action = np.array([speed * math.cos(angle), speed * math.sin(angle), 0.0], dtype=np.float32)
-            _, _, terminated, truncated, info = self._env.step(action)
+            _, _, terminated, truncated, info = self._env.step(_on_circle(loop.now_ns))
             if terminated or truncated:
                 raise RuntimeError(f"the tip's circle ended with {info['terminated_by']}; choose another seed")
 
 
-class Physics:
+class VectorSteps(Measure):
+    """The same of many environments at once; a checkout without our vector takes Gymnasium's."""
+
+    def __init__(self, *, fidelity: str, observation: str, seed: int, environments: int, count: int) -> None:
+        self._shape = environments, 3
+        self._ticks, self._done = count * _TICKS, 0
+        self._env: VectorEnv[Any, Any, Any] = make_vector(fidelity, observation, environments)
+        self._env.reset(seed=seed)
+
+    def block(self, _number: int, /) -> Sample:
+        """Measure some steps of all; CPU time is that of this process alone."""
+        return _took(self._run, self._ticks * self._shape[0] / _TICKS)
+
+    def _run(self) -> None:
+        for _ in range(self._ticks):
+            self._env.step(np.broadcast_to(_on_circle(self._done * FRAME_NS // _TICKS), self._shape))
+            self._done += 1
+
+
+class VectorMemory(Measure):
+    """Memory that each further environment of a vector takes, which observes `state`; for a process that did nothing else."""
+
+    def __init__(self, *, fidelity: str, seed: int, fewest: int, most: int) -> None:
+        self._options: dict[str, Any] = {"fidelity": fidelity, "observation": "state", "seed": seed, "count": 1}
+        self._counts = fewest, most
+
+    def block(self, number: int, /) -> Sample:
+        """Return `each_mb`, from vectors of two sizes, with all their processes."""
+        held = []
+        for count in self._counts:
+            steps = VectorSteps(**self._options, environments=count)
+            sample = steps.block(number)
+            held.append(_held_mb())
+            steps.close()
+        fewest, most = self._counts
+        return sample | {"each_mb": (held[1] - held[0]) / (most - fewest)}
+
+
+class Physics(Measure):
     """Physics with all that goes with it: the loop between two frames, without the arm's controller."""
 
     _COUNT = 20
@@ -174,10 +241,6 @@ class Physics:
         control_s = 1e-3 * loop.timer.lap_ms().get("control", 0.0)
         return sample | {name: sample[name] - control_s for name in ("wall_s", "cpu_s")} | {"force_n": force}
 
-    def close(self) -> None:
-        """End the loop's threads."""
-        self._env.close()
-
     def _press(self, seen: dict[str, Any]) -> None:
         """Bring the tip over the target, then down until the tissue pushes back."""
         above = False
@@ -193,7 +256,7 @@ class Physics:
         raise RuntimeError(f"the tip did not press on the tissue with {_PRESS_N} N; choose another seed")
 
 
-class PhysicsSteps:
+class PhysicsSteps(Measure):
     """Steps of the theatre alone, its arms at home."""
 
     _COUNT = 10
@@ -212,11 +275,8 @@ class PhysicsSteps:
 
         return _took(run, self._COUNT)
 
-    def close(self) -> None:
-        """Nothing to end."""
 
-
-class Captures:
+class Captures(Measure):
     """Pictures of the stripe camera, on one thread, physics going on in between."""
 
     _COUNT = 10
@@ -243,11 +303,8 @@ class Captures:
             total |= {name: total[name] + one[name] for name in ("wall_s", "cpu_s")}
         return total
 
-    def close(self) -> None:
-        """Nothing to end."""
 
-
-class Resets:
+class Resets(Measure):
     """Resets of the environment, each block one: to a seed not seen before, or to one that was."""
 
     _fresh = itertools.count(1_000_000)
@@ -263,12 +320,8 @@ class Resets:
         seed = next(self._fresh) if self._new else self._seed
         return _took(lambda: self._env.reset(seed=seed), 1)
 
-    def close(self) -> None:
-        """End the loop's threads."""
-        self._env.close()
 
-
-class Episodes:
+class Episodes(Measure):
     """Whole episodes with the scripted controller; the factor of real time leaves the reset out."""
 
     def __init__(self, *, fidelity: str, perception: str, seed: int, seconds: float) -> None:
@@ -284,11 +337,8 @@ class Episodes:
         factor = summary["real_time_factor"]
         return {"units": factor, "wall_s": 1.0, "cpu_s": cpu_s, "summary": {"seed": episode.seed, **summary}}
 
-    def close(self) -> None:
-        """Nothing to end."""
 
-
-class Memory:
+class Memory(Measure):
     """Memory of this process after a second of one environment; for a process that did nothing else."""
 
     def __init__(self, *, fidelity: str, observation: str, seed: int) -> None:
@@ -311,6 +361,8 @@ class Memory:
 
 MEASURES: dict[str, Callable[..., Measure]] = {
     "steps": Steps,
+    "vector steps": VectorSteps,
+    "vector memory": VectorMemory,
     "physics": Physics,
     "physics steps": PhysicsSteps,
     "captures": Captures,

@@ -1,5 +1,6 @@
 """What the bench measures of a whole checkout: steps, episodes, resets, physics, camera, memory; each in every fidelity."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -75,6 +76,20 @@ def rows(config: BenchConfig) -> Iterator[Row]:
                 unit="steps of 40 ms a second",
                 rate=True,
             )
+            for count in config.vectors:
+                yield Row(
+                    path=("env_steps_per_s", fidelity, observation, f"vector_{count}"),
+                    measure="vector steps",
+                    # About as many steps of environments as of a single one.
+                    options={
+                        **common,
+                        "observation": observation,
+                        "environments": count,
+                        "count": max(2, math.ceil(config.steps / count)),
+                    },
+                    unit="steps of 40 ms a second",
+                    rate=True,
+                )
         for key, pressing in (("free", False), ("pressing", True)):
             yield Row(
                 path=("physics_ms", fidelity, key),
@@ -139,10 +154,33 @@ def measure_rows(
     return results
 
 
+def memory_rows(config: BenchConfig) -> Iterator[tuple[Row, ...]]:
+    """Yield the rows of memory, those together that one measurement serves."""
+    for fidelity in config.fidelities:
+        options = {"fidelity": fidelity, "observation": "depth_compact", "seed": config.seed}
+        yield tuple(
+            Row(path=(path, fidelity), measure="memory", options=options, unit="MB", key=key)
+            for path, key in (("memory_mb", "peak_mb"), ("memory_resident_mb", "resident_mb"))
+        )
+        if len(config.vectors) > 1:
+            fewest, most = min(config.vectors), max(config.vectors)
+            yield (
+                Row(
+                    path=("memory_per_environment_mb", fidelity),
+                    measure="vector memory",
+                    options={"fidelity": fidelity, "seed": config.seed, "fewest": fewest, "most": most},
+                    unit="MB",
+                    key="each_mb",
+                ),
+            )
+
+
 def measure_memory(
     config: BenchConfig, source: Path, other_source: Path | None, progress: Callable[[float], None]
 ) -> list[RowResult]:
-    """Measure what a process holds that has run one environment with `compact`: each time a new process.
+    """Measure what a process holds that has run one environment with `compact`, and what each environment of a vector adds.
+
+    Each time in a new process.
 
     Args:
         config: At which fidelities to measure.
@@ -152,18 +190,18 @@ def measure_memory(
     """
     sources = {"this": source} | ({} if other_source is None else {"other": other_source})
     results = []
-    for number, fidelity in enumerate(config.fidelities):
-        progress(number / len(config.fidelities))
-        options = {"fidelity": fidelity, "observation": "depth_compact", "seed": config.seed}
+    chosen = list(memory_rows(config))
+    for number, rows_of_one in enumerate(chosen):
+        progress(number / len(chosen))
         samples: dict[str, list[Sample]] = {}
         ran_at: dict[str, str] = {}
         for name, place in sources.items():
             with start_probe(place, f"{name} checkout") as probe:
-                ran_at[name] = probe.prepare("memory", options)["fidelity"]
+                ran_at[name] = probe.prepare(rows_of_one[0].measure, rows_of_one[0].options)["fidelity"]
                 samples[name] = [probe.block(0)]
-        for path, key in (("memory_mb", "peak_mb"), ("memory_resident_mb", "resident_mb")):
-            row = Row(path=(path, fidelity), measure="memory", options=options, unit="MB", key=key)
-            others, other_fidelity = samples.get("other", ()), ran_at.get("other", "")
-            results.append(RowResult(row=row, samples=samples["this"], others=others, other_fidelity=other_fidelity))
+        others, other_fidelity = samples.get("other", ()), ran_at.get("other", "")
+        results += [
+            RowResult(row=row, samples=samples["this"], others=others, other_fidelity=other_fidelity) for row in rows_of_one
+        ]
     progress(1.0)
     return results

@@ -22,13 +22,13 @@ def held_forces(motion, seed, perception="compact", hold_s=3.0):
     controller = ReachController(env.loop.rig)
     forces, began = [], None
     with pytest.MonkeyPatch.context() as patch:
-        step = Theatre.step
+        stepping = Theatre.stepping
 
         def logged(theatre):
-            step(theatre)
+            yield from stepping(theatre)
             forces.append(float(np.linalg.norm(theatre.contact_force_in_world())))
 
-        patch.setattr(Theatre, "step", logged)
+        patch.setattr(Theatre, "stepping", logged)
         env.reset(seed=seed)
         over = False
         while not over:

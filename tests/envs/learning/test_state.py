@@ -51,3 +51,18 @@ def test_a_state_leaves_the_options_of_the_environment_that_takes_it(learner, ac
 def test_a_state_of_another_task_is_refused(learner):
     with pytest.raises(InvalidValueError, match="state"):
         learner("track").set_state(learner("reach").get_state())
+
+
+def test_a_state_of_a_randomised_episode_brings_its_configuration(learner, actions):
+    path = "loop.theatre.tissue.material.young_pa"
+    first, other = (learner(randomisation={path: {"uniform": [2000.0, 9000.0]}}) for _ in range(2))
+    _, info = first.reset(seed=4)
+    other.reset(seed=5)
+    state, twin = first.get_state(), copy.deepcopy(first)
+    wanted = run(first, actions)
+    other.set_state(state)
+    assert other.task_env.config == first.task_env.config
+    assert_same(run(other, actions), wanted)
+    assert_same(run(twin, actions), wanted)
+    twin.close()
+    assert 2000.0 < info["randomisation"][path] < 9000.0

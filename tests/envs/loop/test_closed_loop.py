@@ -44,7 +44,7 @@ def test_a_step_is_physics_then_proprioception_then_capture_then_arrival(task_en
     events = []
     for kind, method, name in (
         (Theatre, "set_joint_targets", "command"),
-        (Theatre, "step", "physics"),
+        (Theatre, "stepping", "physics"),
         (Proprioception, "after_physics_step", "proprioception"),
         (StripeCamera, "snapshot", "capture"),
         (PerceptionServer, "poll", "arrival"),
@@ -157,7 +157,7 @@ def test_the_force_of_a_period_is_the_worst_and_the_mean_of_its_steps(task_env, 
     env.reset(seed=3)
     newtons = iter([1.0, 4.0, 2.0, 3.0, 0.5, 0.5, 0.5, 0.5])
     force = [0.0]
-    watch(monkeypatch, Theatre, "step", lambda _: force.__setitem__(0, next(newtons)))
+    watch(monkeypatch, Theatre, "stepping", lambda _: force.__setitem__(0, next(newtons)))
     monkeypatch.setattr(Theatre, "contact_force_in_world", lambda _: np.array([0.0, 0.6, -0.8]) * force[0])
     env.loop.advance(STILL)
     assert (env.loop.max_force_n, env.loop.mean_force_n) == pytest.approx((4.0, 2.5))

@@ -36,7 +36,7 @@ def test_a_step_is_the_loop_then_measurement_then_end_then_reward_then_record(ta
     env.reset(seed=3)
     events = []
     for kind, method in (
-        (ClosedLoop, "advance"),
+        (ClosedLoop, "advancing"),
         (ReachEnv, "measure"),
         (ReachEnv, "ended_by"),
         (ReachEnv, "reward_terms"),
@@ -44,7 +44,7 @@ def test_a_step_is_the_loop_then_measurement_then_end_then_reward_then_record(ta
     ):
         watch(monkeypatch, kind, method, lambda *_, name=method, **__: events.append(name))
     env.step(STILL)
-    assert events == ["advance", "measure", "ended_by", "reward_terms", "tick"]
+    assert events == ["advancing", "measure", "ended_by", "reward_terms", "tick"]
 
 
 def test_a_reset_chooses_the_target_in_the_first_frame_and_measures_when_depth_has_arrived(task_env, monkeypatch):

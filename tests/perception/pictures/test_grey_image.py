@@ -55,7 +55,7 @@ def test_colour_is_refused_even_of_a_single_pixel_in_the_lowest_of_16_bits(tmp_p
 
 def test_transparency_is_refused_and_an_opaque_channel_is_not(tmp_path, grey):
     for alpha, name in ((255, "opaque.png"), (254, "clear.png")):
-        Image.fromarray(np.stack([grey, np.full_like(grey, alpha)], axis=-1), mode="LA").save(tmp_path / name)
+        Image.fromarray(np.stack([grey, np.full_like(grey, alpha)], axis=-1)).save(tmp_path / name)
     np.testing.assert_array_equal(read_grey(tmp_path / "opaque.png", SIZE), grey)
     with pytest.raises(InvalidValueError, match="transparent"):
         read_grey(tmp_path / "clear.png", SIZE)

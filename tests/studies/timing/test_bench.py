@@ -94,7 +94,7 @@ def test_command_measures_every_stage_and_the_loop_beside_another_checkout(tmp_p
     # A second a call each.
     monkeypatch.setattr(stage_times, "_REFERENCE_CALLS", 2)
     arguments = ["bench", "--calls", "20", "--episodes", "1", "--estimators", "oracle", "phase", "--perception", "oracle"]
-    arguments += ["--rounds", "1", "--steps", "2", "--fidelities", "full", "--observations", "state"]
+    arguments += ["--rounds", "1", "--steps", "2", "--fidelities", "full", "--observations", "state", "--vectors", "1"]
     # This very checkout is as good as another.
     arguments += ["--against", str(Path(__file__).parents[3])]
     assert main([*arguments, "--seconds", "3", "--out", str(tmp_path / "out")]) == 0
@@ -109,6 +109,7 @@ def test_command_measures_every_stage_and_the_loop_beside_another_checkout(tmp_p
     assert written["episodes"][0]["seed"] == EpisodeConfig().seed
     assert written["machine"]["usable_cores"] >= 1
     per_second = written["env_steps_per_s"]["full"]["state"]["single"]
+    assert written["env_steps_per_s"]["full"]["state"]["vector_1"] > 0.0
     assert sum(written["step_ms"]["full"]["state"].values()) == pytest.approx(1e3 / per_second)
     assert set(written["reset_ms"]["full"]) == {"new", "cached"}
     assert written["memory_mb"]["full"] > 100.0

@@ -6,8 +6,9 @@ import json
 import numpy as np
 import pytest
 
+from laploop.envs.batch import vector_env
 from laploop.studies.timing import probe
-from laploop.studies.timing.probe import Captures, Memory, Physics, PhysicsSteps, Resets, Steps, serve
+from laploop.studies.timing.probe import Captures, Memory, Physics, PhysicsSteps, Resets, Steps, VectorSteps, serve
 
 
 @pytest.fixture
@@ -34,6 +35,15 @@ def test_stages_of_a_step_add_up_to_its_time(measuring):
     assert sample["stage_ms"]["physics"] > 0.0
     # What is left over is not what was counted twice.
     assert 0.0 < sample["stage_ms"]["other"] < 0.9 * 1e3 * sample["wall_s"] / 2
+
+
+def test_a_vectors_steps_are_those_of_all_its_environments(measuring, monkeypatch):
+    monkeypatch.setattr(vector_env, "usable_cores", lambda: 1)
+    vector = measuring(VectorSteps, fidelity="fast", observation="state", environments=3, count=2)
+    loop = vector._env.call("loop")[2]
+    began_ns = loop.now_ns
+    assert vector.block(0)["units"] == 6
+    assert loop.now_ns - began_ns == 2 * 40_000_000
 
 
 def test_what_other_threads_do_is_told_apart(measuring):

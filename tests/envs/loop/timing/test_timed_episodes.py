@@ -38,13 +38,13 @@ def servo_inputs(env, velocity, seed=3):
     """Return the tool's servo inputs in 24 physics steps, (24, 6) rad, while the tip is to move with a velocity."""
     env.reset(seed=seed)
     theatre, found = env.loop.theatre, []
-    step = theatre.step
+    stepping = theatre.stepping
 
     def watched():
-        step()
+        yield from stepping()
         found.append(theatre.data.ctrl[theatre.tool_arm.actuator_indices].copy())
 
-    theatre.step = watched
+    theatre.stepping = watched
     for _ in range(6):
         env.loop.advance(velocity)
     return np.array(found)

@@ -1,0 +1,131 @@
+"""Demonstrations as a Minari data set: Parquet, images without loss, the card in its metadata."""
+
+import json
+import re
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from laploop.errors import DatasetError
+from laploop.studies.demonstrations.card import Card
+from laploop.studies.demonstrations.demonstration import VECTOR, Demonstration, Observations
+from laploop.studies.demonstrations.recorded import RecordedEpisode, checked_index
+
+if TYPE_CHECKING:
+    from minari import MinariDataset
+    from minari.data_collector.episode_buffer import EpisodeBuffer
+
+CARD = "laploop"
+"""Key of the card in the metadata of the data set, and of the outcome in those of an episode."""
+
+
+def dataset_id(task: str) -> str:
+    """Return the id under which `minari.load_dataset` finds a task's demonstrations in the folder `MINARI_DATASETS_PATH`."""
+    return f"laploop/{re.sub(r'[^-0-9A-Za-z_]', '-', task)}-v0"
+
+
+def write_minari(folder: Path, card: Card, env: gym.Env[Any, Any], demonstrations: Iterable[Demonstration]) -> None:
+    """Write a data set to an existing, empty folder, to be read by `minari.MinariDataset(folder)`."""
+    import minari
+    from minari.dataset.minari_storage import MinariStorage
+
+    # The storage that `minari.create_dataset_from_buffers` fills, which holds all episodes in memory at once.
+    storage = MinariStorage.new(
+        folder,
+        observation_space=env.observation_space,
+        action_space=env.action_space,
+        env_spec=env.spec,
+        data_format="parquet",
+        jpeg_encoding=False,
+    )
+    storage.update_metadata(
+        {
+            "dataset_id": dataset_id(card.task),
+            "minari_version": minari.__version__,
+            "algorithm_name": f"scripted controller {card.expert['controller']}",
+            "description": card.instruction,
+            "requirements": [f"laploop=={card.laploop}"],
+            CARD: card.plain,
+        }
+    )
+    outcomes: list[dict[str, Any]] = []
+    storage.update_episodes(_buffers(demonstrations, env.observation_space, outcomes))
+    storage.update_episode_metadata([{CARD: outcome} for outcome in outcomes])
+
+
+def _buffers(
+    demonstrations: Iterable[Demonstration], space: spaces.Space[Any], outcomes: list[dict[str, Any]]
+) -> Iterator["EpisodeBuffer"]:
+    from minari.data_collector.episode_buffer import EpisodeBuffer
+
+    for one in demonstrations:
+        outcomes.append(one.outcome)
+        yield EpisodeBuffer(
+            seed=one.outcome["seed"],
+            observations=one.observations if isinstance(space, spaces.Dict) else one.observations[VECTOR],
+            actions=one.actions,
+            rewards=one.rewards.tolist(),
+            terminations=one.terminations.tolist(),
+            truncations=one.truncations.tolist(),
+            # Minari cannot read an array of one dimension again.
+            infos={
+                "expert_action": one.expert_actions,
+                "privileged": one.privileged,
+                "is_success": one.successes.tolist(),
+            },
+        )
+
+
+class MinariDemonstrations:
+    """A Minari data set that `write_minari` wrote."""
+
+    def __init__(self, folder: Path) -> None:
+        """Open it.
+
+        Raises:
+            DatasetError: If it is damaged, of another kind, or made by another version of laploop.
+        """
+        try:
+            metadata = json.loads((folder / "metadata.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise DatasetError(f"the metadata of {folder} cannot be read: {error}") from error
+        self.card = Card.read(metadata.get(CARD) if isinstance(metadata, dict) else None, folder)
+        self.dataset = self._opened(folder)
+        """Minari's own."""
+        self.count = self.dataset.total_episodes
+        self._folder = folder
+
+    def episode(self, index: int) -> RecordedEpisode:
+        """Return an episode; raises as `RecordedDemonstrations.episode`."""
+        checked_index(index, self.count)
+        try:
+            found = self.dataset[index]
+            (metadata,) = self.dataset.storage.get_episode_metadata([index])
+            return RecordedEpisode(
+                observations=_by_key(found.observations),
+                actions=np.asarray(found.actions),
+                rewards=np.asarray(found.rewards),
+                terminations=np.asarray(found.terminations, np.bool_),
+                truncations=np.asarray(found.truncations, np.bool_),
+                outcome=metadata[CARD],
+            )
+        except (OSError, ValueError, KeyError) as error:
+            raise DatasetError(f"episode {index} of {self._folder} cannot be read: {error}") from error
+
+    def _opened(self, folder: Path) -> "MinariDataset":
+        try:
+            from minari import MinariDataset
+        except ImportError as error:
+            raise DatasetError(f"{folder} needs Minari; install the extra: pip install 'laploop[learning]'") from error
+        try:
+            return MinariDataset(folder)
+        except (AssertionError, ValueError, KeyError) as error:
+            raise DatasetError(f"{folder} cannot be opened by Minari: {error}") from error
+
+
+def _by_key(observations: Any) -> Observations:
+    return observations if isinstance(observations, dict) else {VECTOR: observations}
