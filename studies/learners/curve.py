@@ -96,7 +96,8 @@ def _rows(path: Path) -> list[CurveRow]:
     with path.open(encoding="utf-8", newline="") as stream:
         found = list(csv.DictReader(stream))
     try:
-        numbers = [{name: float(row[name]) for name in names} for row in found]
-        return [CurveRow(**{**row, "steps": round(row["steps"])}) for row in numbers]
+        return [
+            CurveRow(steps=int(row["steps"]), **{name: float(row[name]) for name in names if name != "steps"}) for row in found
+        ]
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise InvalidValueError("curve", str(path), f"a table with {', '.join(names)}") from error
