@@ -7,7 +7,7 @@ DEV := $(VENV)/.dev
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 SEED ?= 0
 
-.PHONY: demo test test-slow lint types floors pytest docs docs-gallery package bench results studies clean help
+.PHONY: demo test test-slow lint types floors pytest docs docs-gallery package bench results studies baselines clean help
 
 help:
 	@echo "make demo       run the closed loop on breathing tissue; results in runs/demo"
@@ -18,6 +18,7 @@ help:
 	@echo "make bench      measure every stage; results in runs/bench"
 	@echo "make results    measure the committed results anew"
 	@echo "make studies    run all studies in full"
+	@echo "make baselines  train all learners of examples/learning"
 
 $(CORE): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "laploop needs Python 3.11 or newer; this is " + sys.version.split()[0] + " (choose another with make PYTHON=...)")'
@@ -114,6 +115,14 @@ studies: $(DEV)
 	for study in latency delay-margin error-budget pattern; do $(BIN)/laploop study $$study --workers 2 --out runs/study-$$study \
 	  && cp runs/study-$$study/summary.json $(RESULTS)/study-$$study.json || exit 1; done
 	$(BIN)/python -P -m laploop.studies.readme.study_pages $(RESULTS) docs/studies
+
+# All learners with three seeds each, and their page: most of a day.
+baselines: $(DEV)
+	$(BIN)/laploop demonstrate --task reach --observation depth+state --fidelity fast --perception oracle --episodes 100 \
+	  --out runs/demonstrations
+	$(BIN)/python -P -m laploop.studies.learners.baselines examples/learning runs/baselines $(RESULTS)/baselines.json
+	$(BIN)/python -P -m laploop.studies.learners.baselines_figure $(RESULTS)/baselines.json docs/pictures/baselines.png
+	$(BIN)/python -P -m laploop.studies.readme.baselines_page $(RESULTS)/baselines.json docs/baselines.md
 
 clean:
 	rm -rf $(VENV) build docs/gallery runs .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

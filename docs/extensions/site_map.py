@@ -20,6 +20,7 @@ CONTENTS: dict[str, dict[str, tuple[str, ...]]] = {
             "wrappers",
             "vector",
             "learning",
+            "baselines",
             "reference/tasks",
             "reference/commands",
             "reference/configuration",

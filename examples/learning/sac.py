@@ -1,0 +1,66 @@
+"""Learn to touch a point of the tissue from the simulator's state, with soft actor-critic (SAC) of stable-baselines3.
+
+Run it with `python examples/learning/sac.py --out runs/sac`. It writes the curve of learning, the policy, and what that does on
+tissues that training did not see.
+"""
+
+import argparse
+from pathlib import Path
+
+import gymnasium as gym
+from stable_baselines3 import SAC
+from stable_baselines3.common.monitor import Monitor
+
+import laploop  # noqa: F401  registers the environments
+from laploop.studies.learners.curve_callback import CurveCallback
+from laploop.studies.learners.evaluation import Training, evaluate, verdict, write_result
+from laploop.studies.learners.sb3_policy import load_into
+
+parser = argparse.ArgumentParser(description=__doc__)
+parser.add_argument("--steps", type=int, default=15_000, help="decisions of 40 ms")
+parser.add_argument("--seed", type=int, default=0)
+parser.add_argument("--episodes", type=int, default=50, help="of the evaluation")
+parser.add_argument("--out", type=Path, default=Path("runs/sac"))
+parser.add_argument("--resume", action="store_true", help="go on from the policy in --out")
+options = parser.parse_args()
+
+# `fast` simulates contact in less detail, at half the cost; nothing is rendered for the observation `state`.
+ENVIRONMENT, KEYWORDS = "laploop/Reach-v1", {"observation": "state", "fidelity": "fast"}
+env = gym.make(ENVIRONMENT, **KEYWORDS)
+
+# Rewards add up to about one an episode, hundredths a step: the entropy in them must begin far below its usual weight of 1.
+network = {"net_arch": [64, 64]}
+model = SAC(
+    "MlpPolicy",
+    Monitor(env),
+    learning_rate=1e-3,
+    gamma=0.97,
+    batch_size=128,
+    tau=0.02,
+    ent_coef="auto_0.01",
+    learning_starts=min(1000, options.steps // 2),
+    buffer_size=max(options.steps, 1000),
+    policy_kwargs=network,
+    seed=options.seed,
+    verbose=1,
+)
+if options.resume:
+    load_into(model, options.out)
+
+callback = CurveCallback(options.out, network, resume=options.resume)
+model.learn(options.steps, callback=callback, log_interval=20)
+
+training = Training(
+    method="sac",
+    environment=ENVIRONMENT,
+    keywords=KEYWORDS,
+    seed=options.seed,
+    steps=callback.curve.steps(model.num_timesteps),
+    wall_s=callback.curve.wall_s,
+    cpu_s=callback.curve.cpu_s,
+)
+
+# Now the mean of the policy instead of a sample, on seeds that training never used.
+scores = evaluate(lambda observation: model.predict(observation, deterministic=True)[0], env, options.episodes)
+print(verdict(write_result(options.out, training, scores)))
+env.close()

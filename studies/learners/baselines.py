@@ -1,0 +1,156 @@
+"""The table of learners: what the examples reach, over seeds, on episodes that no training saw.
+
+`python -P -m laploop.studies.learners.baselines examples/learning runs/baselines docs/results/baselines.json ppo sac` trains
+with these methods, by default with all, and leaves what the file has of others. A run that has a summary is not done again.
+"""
+
+import json
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from laploop.errors import UnknownNameError, WorkerError
+from laploop.studies.episodes.trials import wilson_interval
+from laploop.studies.learners.curve import CURVE, read_curve
+from laploop.studies.learners.evaluation import RESULT
+from laploop.studies.sweeps.bootstrap import Estimate, estimate
+from laploop.whole_file import whole_file
+
+SEEDS = 3
+"""Trainings of each method."""
+_POINTS = 40
+"""Of a curve in the table: each the mean of a part of the training."""
+_KEPT = ("method", "environment", "keywords", "seed", "steps", "wall_s", "cpu_s", "versions", "machine", "evaluation")
+_ROWS = ("success", "total_return", "error_mm", "force_n")
+_HEADS = (
+    "task",
+    "method",
+    "steps",
+    "seeds x episodes",
+    "success (95 %)",
+    "return",
+    "error at the end",
+    "worst force, mean",
+    "training, CPU",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """An example and what it is called with."""
+
+    script: str
+    arguments: tuple[str, ...] = ()
+
+
+METHODS: Mapping[str, Method] = {
+    "ppo": Method(script="ppo.py"),
+    "sac": Method(script="sac.py"),
+    "tqc": Method(script="tqc.py"),
+    "cloning": Method(script="behaviour_cloning.py"),
+    "residual": Method(script="residual_rl.py"),
+    "naive": Method(script="delayed_ppo.py", arguments=("--treatment", "naive")),
+    "augmented": Method(script="delayed_ppo.py", arguments=("--treatment", "augmented")),
+    "conservative": Method(script="delayed_ppo.py", arguments=("--treatment", "conservative")),
+}
+"""By the name of their folder. RLlib's PPO is that of stable-baselines3, and has no line of its own."""
+
+
+def train(name: str, examples: Path, runs: Path, seeds: Iterable[int] = range(SEEDS)) -> None:
+    """Train and evaluate with a method, once a seed, into `runs/NAME-SEED`, unless that is done.
+
+    Raises:
+        UnknownNameError: If there is no such method.
+        WorkerError: If a training fails.
+    """
+    if name not in METHODS:
+        raise UnknownNameError("method", name, list(METHODS))
+    method = METHODS[name]
+    for seed in seeds:
+        out = runs / f"{name}-{seed}"
+        if (out / RESULT).is_file():
+            continue
+        command = [sys.executable, "-P", str(examples / method.script), *method.arguments]
+        done = subprocess.run([*command, "--seed", str(seed), "--out", str(out)], check=False)  # noqa: S603  our own scripts
+        if done.returncode:
+            raise WorkerError(f"{' '.join(command)} has failed with the exit status {done.returncode}")
+
+
+def collected(runs: Path) -> dict[str, Any]:
+    """Return the runs below a folder, by the path of their own folder: what was trained, how it went, what came of it."""
+    found: dict[str, Any] = {}
+    for path in sorted(runs.rglob(RESULT)):
+        result = json.loads(path.read_text(encoding="utf-8"))
+        run = {key: result[key] for key in _KEPT}
+        run["episodes"] = {key: [row[key] for row in result["rows"]] for key in _ROWS}
+        run["curve"] = thinned(path.parent) if (path.parent / CURVE).is_file() else None
+        found[path.parent.relative_to(runs).as_posix()] = run
+    return found
+
+
+def thinned(folder: Path) -> dict[str, list[float | None]]:
+    """Return the curve in a folder in parts of equal numbers of steps: their ends, and the means in them or None."""
+    curve = read_curve(folder)
+    if not curve["steps"].size:
+        return {name: [] for name in curve}
+    edges = np.linspace(0.0, curve["steps"][-1], _POINTS + 1)
+    part = np.clip(np.digitize(curve["steps"], edges, right=True) - 1, 0, _POINTS - 1)
+    parts: dict[str, list[float | None]] = {"steps": [float(edge) for edge in edges[1:]]}
+    for name in ("total_return", "length", "success", "cpu_s"):
+        inside = [curve[name][part == number] for number in range(_POINTS)]
+        means = [float(np.mean(values)) if values.size else float("nan") for values in inside]
+        parts[name] = [mean if np.isfinite(mean) else None for mean in means]
+    return parts
+
+
+def baselines_table(runs: Mapping[str, Any]) -> str:
+    """Return the runs as a Markdown table, a line for each task and method: episodes of all its seeds together."""
+    lines = [
+        f"| {' | '.join(_HEADS)} |",
+        "|" + "---|" * len(_HEADS),
+    ]
+    groups: dict[tuple[str, str], list[Any]] = {}
+    for run in runs.values():
+        groups.setdefault((run["environment"], run["method"]), []).append(run)
+    for (environment, method), group in groups.items():
+        pooled = {key: [value for run in group for value in run["episodes"][key]] for key in _ROWS}
+        successes, trials = sum(pooled["success"]), len(pooled["success"])
+        low, high = wilson_interval(successes, trials)
+        minutes = np.mean([run["cpu_s"] for run in group]) / 60.0
+        cells = [
+            environment.rpartition("/")[2],
+            method,
+            f"{group[0]['steps']:,}".replace(",", " ") if group[0]["steps"] else "",
+            f"{len(group)} x {trials // len(group)}",
+            f"{100 * successes / trials:.0f} % ({100 * low:.0f}-{100 * high:.0f})",
+            _mean(estimate(pooled["total_return"]), 2),
+            f"{_mean(estimate(pooled['error_mm']), 2)} mm",
+            f"{_mean(estimate(pooled['force_n']), 2)} N",
+            f"{minutes:.0f} min" if minutes else "",
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _mean(found: Estimate | None, digits: int) -> str:
+    return "" if found is None else f"{found.mean:.{digits}f} ({found.low:.{digits}f} to {found.high:.{digits}f})"
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Train, and write the table: `arguments` are the examples, the folder of the runs, the file, and names of methods."""
+    examples, runs, path = (Path(argument) for argument in arguments[:3])
+    for name in arguments[3:] or METHODS:
+        train(name, examples, runs)
+    known = json.loads(path.read_text(encoding="utf-8"))["runs"] if path.is_file() else {}
+    merged = {**known, **collected(runs)}
+    with whole_file(path) as partial:
+        partial.write_text(json.dumps({"runs": dict(sorted(merged.items()))}, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
