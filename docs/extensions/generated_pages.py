@@ -1,6 +1,7 @@
 """Fill in what pages leave to the code: `<!-- generated: NAME -->` becomes Markdown when the site is built.
 
-Pages stay readable where they are not built. Links out of `docs/` lead to the repository, those to examples to the gallery.
+Pages stay readable where they are not built. Links out of `docs/` lead to the repository, those to examples to the gallery,
+which has none of those in folders of their own.
 """
 
 import re
@@ -43,8 +44,8 @@ def _outward(found: re.Match[str], docname: str) -> str:
     if climbs <= depth:
         return found[0]
     path, anchor = found["path"], found["anchor"] or ""
-    if path.startswith("examples/") and path.endswith(".py"):
-        return f"](/gallery/{path.removeprefix('examples/').removesuffix('.py')}.rst)"
+    if (example := re.fullmatch(r"examples/(\w+)\.py", path)) is not None:
+        return f"](/gallery/{example[1]}.rst)"
     return f"]({REPOSITORY}{path}{anchor})"
 
 
