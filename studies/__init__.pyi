@@ -26,6 +26,17 @@ from .episodes.trials import TrialsConfig as TrialsConfig
 from .episodes.trials import run_trials as run_trials
 from .fidelity.config import FidelityConfig as FidelityConfig
 from .fidelity.run import measure_fidelity as measure_fidelity
+from .learners.curve import Curve as Curve
+from .learners.curve_callback import CurveCallback as CurveCallback
+from .learners.evaluation import Training as Training
+from .learners.evaluation import evaluate as evaluate
+from .learners.evaluation import verdict as verdict
+from .learners.evaluation import write_result as write_result
+from .learners.policy_file import save_policy as save_policy
+from .learners.sb3_policy import load_into as load_into
+from .learners.sb3_policy import load_sb3 as load_sb3
+from .learners.target_in_depth import TargetInDepth as TargetInDepth
+from .ray_cluster import ray_cluster as ray_cluster
 from .sweeps.engine import Engine as Engine
 from .sweeps.run import run_sweep as run_sweep
 from .sweeps.sweep import Condition as Condition
@@ -49,6 +60,8 @@ __all__ = [
     "Check",
     "CollectionConfig",
     "Condition",
+    "Curve",
+    "CurveCallback",
     "Demonstration",
     "DemonstrationConfig",
     "DepthEvaluation",
@@ -58,19 +71,25 @@ __all__ = [
     "RobustnessConfig",
     "SpeedConfig",
     "Sweep",
+    "TargetInDepth",
     "TaskTableConfig",
+    "Training",
     "TrainingFramesConfig",
     "TrialsConfig",
     "calibrate_bench",
     "characterise",
     "collect_pairs",
+    "evaluate",
     "evaluate_depth",
+    "load_into",
+    "load_sb3",
     "make_dataset",
     "measure_fidelity",
     "measure_jitter",
     "measure_robustness",
     "measure_speed",
     "open_demonstrations",
+    "ray_cluster",
     "read_sweep",
     "render_training_frames",
     "replay",
@@ -78,4 +97,7 @@ __all__ = [
     "run_sweep",
     "run_task_table",
     "run_trials",
+    "save_policy",
+    "verdict",
+    "write_result",
 ]

@@ -16,9 +16,7 @@ from minari import MinariDataset
 from torch import nn
 
 import laploop  # noqa: F401  registers the environments
-from laploop.studies.learners.curve import Curve
-from laploop.studies.learners.evaluation import Training, evaluate, verdict, write_result
-from laploop.studies.learners.policy_file import save_policy
+from laploop.studies import Curve, Training, evaluate, save_policy, verdict, write_result
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("--data", type=Path, default=Path("runs/demonstrations"), help="what `laploop demonstrate` wrote")

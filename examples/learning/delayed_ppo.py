@@ -18,10 +18,7 @@ from stable_baselines3.common.monitor import Monitor
 
 import laploop  # noqa: F401  registers the environments
 from laploop.envs import ActionHistory, ConservativeAgent, DelayRandomization
-from laploop.studies.learners.curve_callback import CurveCallback
-from laploop.studies.learners.evaluation import Training, evaluate, verdict, write_result
-from laploop.studies.learners.sb3_policy import load_into
-from laploop.studies.learners.target_in_depth import TargetInDepth
+from laploop.studies import CurveCallback, TargetInDepth, Training, evaluate, load_into, verdict, write_result
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("--treatment", default="naive", choices=["naive", "augmented", "conservative"])

@@ -11,9 +11,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
-from laploop.studies.learners.curve_callback import CurveCallback
-from laploop.studies.learners.evaluation import Training, evaluate, verdict, write_result
-from laploop.studies.learners.sb3_policy import load_into
+from laploop.studies import CurveCallback, Training, evaluate, load_into, verdict, write_result
 
 # The module in front of the colon is imported before the id is looked up, also in processes that start from nothing.
 ENVIRONMENT, KEYWORDS = "laploop:laploop/Reach-v1", {"observation": "state", "fidelity": "fast"}

@@ -17,10 +17,7 @@ import laploop  # noqa: F401  registers the environments
 from laploop.assets import ScopeOptics
 from laploop.control import make_controller
 from laploop.perception import Rig
-from laploop.studies.learners.curve_callback import CurveCallback
-from laploop.studies.learners.evaluation import Training, evaluate, verdict, write_result
-from laploop.studies.learners.sb3_policy import load_into
-from laploop.studies.learners.target_in_depth import TargetInDepth
+from laploop.studies import CurveCallback, TargetInDepth, Training, evaluate, load_into, verdict, write_result
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--latency-ms", type=float, default=150.0)

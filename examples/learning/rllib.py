@@ -10,10 +10,7 @@ from pathlib import Path
 import gymnasium as gym
 import torch
 
-from laploop.studies.learners.curve import Curve
-from laploop.studies.learners.evaluation import Training, evaluate, verdict, write_result
-from laploop.studies.learners.policy_file import save_policy
-from laploop.studies.ray_cluster import ray_cluster
+from laploop.studies import Curve, Training, evaluate, ray_cluster, save_policy, verdict, write_result
 
 ENVIRONMENT, KEYWORDS = "laploop:laploop/Reach-v1", {"observation": "state", "fidelity": "fast"}
 NETWORK = [64, 64]

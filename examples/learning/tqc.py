@@ -12,9 +12,7 @@ from sb3_contrib import TQC
 from stable_baselines3.common.monitor import Monitor
 
 import laploop  # noqa: F401  registers the environments
-from laploop.studies.learners.curve_callback import CurveCallback
-from laploop.studies.learners.evaluation import Training, evaluate, verdict, write_result
-from laploop.studies.learners.sb3_policy import load_into
+from laploop.studies import CurveCallback, Training, evaluate, load_into, verdict, write_result
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=10_000, help="decisions of 40 ms")
