@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from rich.table import Table
 
 _LEAST = 1e-3
-"""Smallest number that results tell: nobody needs a millionth of a millimetre."""
+"""Smallest number that is printed: nobody needs a millionth of a millimetre."""
 
 
 @contextmanager
@@ -40,7 +40,7 @@ def progress_bar(what: str, total: float) -> Iterator[Callable[[float], None]]:
 
 
 def rounded(value: float) -> str:
-    """Return a number with at least three figures, without exponent; what is below a thousandth is told as that."""
+    """Return a number with at least three figures and no exponent; below a thousandth, only that it is."""
     if value == 0.0 or not math.isfinite(value):
         return f"{value:g}"
     if abs(value) < _LEAST:

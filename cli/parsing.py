@@ -6,6 +6,7 @@ import re
 import warnings
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_origin, get_type_hints
 
@@ -36,6 +37,13 @@ class Option:
     default: str
     """Empty where there is none."""
     required: bool
+
+
+def arguments_class(command: str) -> type:
+    """Return the dataclass that holds a command's arguments."""
+    module = import_module(f"laploop.cli.commands.{command.replace('-', '_')}")
+    found: type = getattr(module, f"{command.title().replace('-', '')}Arguments")
+    return found
 
 
 def parse(kind: type[Arguments], arguments: Sequence[str], command: str, default: Arguments | None = None) -> Arguments:

@@ -2,13 +2,12 @@
 
 import inspect
 from collections.abc import Iterator
-from importlib import import_module
 from typing import Any, Generic
 
 from markdown_table import code, table
 
 from laploop.cli.main import COMMANDS
-from laploop.cli.parsing import Option, options_of
+from laploop.cli.parsing import Option, arguments_class, options_of
 from laploop.cli.tree_options import TreeOptions
 from laploop.perception import NETWORKS
 
@@ -18,16 +17,8 @@ def commands_markdown() -> str:
     return "\n\n".join(map(_section, sorted(COMMANDS)))
 
 
-def arguments_of(command: str) -> type:
-    """Return the dataclass that holds a command's arguments."""
-    module = import_module(f"laploop.cli.commands.{command.replace('-', '_')}")
-    name = f"{command.title().replace('-', '')}Arguments"
-    found: type = getattr(module, name)
-    return found
-
-
 def _section(command: str) -> str:
-    kind = arguments_of(command)
+    kind = arguments_class(command)
     parts = [f"## `laploop {command}`", inspect.cleandoc(kind.__doc__ or "")]
     for title, options in _options(kind):
         parts += [title] if title else []

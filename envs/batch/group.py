@@ -124,14 +124,14 @@ class EnvironmentGroup:
             self._follow_up(outcome, errors)
         return outcome, errors
 
-    def call(self, name: str, arguments: Sequence[Any], named: Mapping[str, Any]) -> Outcome:
+    def call(self, name: str, arguments: Sequence[Any], keywords: Mapping[str, Any]) -> Outcome:
         """Return an attribute of every environment, called with arguments if it can be."""
         results: dict[int, Any] = {}
         errors: dict[int, Exception] = {}
         for number, env in self._envs.items():
             try:
                 found = getattr(env, name)
-                results[number] = found(*arguments, **named) if callable(found) else found
+                results[number] = found(*arguments, **keywords) if callable(found) else found
             except Exception as error:  # noqa: BLE001 - raised by the vector, with the environment's number
                 errors[number] = error
         return results, errors

@@ -113,7 +113,7 @@ class GroupProcess:
             self._connection.send(("close", ()))
 
     def close(self) -> None:
-        """Wait for the process, which `begin_close` has asked to end, or kill it."""
+        """End the process: wait for it after `begin_close`, or kill it."""
         self._process.join(timeout=_PATIENCE_S)
         if self._process.is_alive():
             self._process.kill()
@@ -144,11 +144,11 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _serve(connection: Connection, make: Callable[[], EnvironmentGroup]) -> None:
-    """Make the group, say so, and then do what is asked, until asked to close."""
+    """Make the group, send its faces, then answer calls of its methods until `close`."""
     follow_parent()
     try:
         group = make()
-    except Exception as error:  # noqa: BLE001 - raised where the group was asked for
+    except Exception as error:  # noqa: BLE001 - raised again in the process that started this one
         connection.send((None, _portable(error)))
         return
     name: str = "faces"
@@ -157,7 +157,7 @@ def _serve(connection: Connection, make: Callable[[], EnvironmentGroup]) -> None
         results, errors = _answer(group, name, arguments)
         try:
             connection.send(((results, errors), None))
-        except Exception as error:  # noqa: BLE001 - what was asked for cannot be sent
+        except Exception as error:  # noqa: BLE001 - results that cannot be pickled
             reason = f"{type(error).__name__}: {error}"
             told = WorkerError(f"the answer to {name!r} cannot be sent to another process ({reason}); use workers=1")
             connection.send((({}, dict.fromkeys(results, told)), None))

@@ -7,7 +7,8 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
-from laploop.envs.batch.vector_env import MOST_ENVIRONMENTS, TheatreVectorEnv, checked_count
+from laploop.envs.batch.stepper import checked_count
+from laploop.envs.batch.vector_env import MOST_ENVIRONMENTS, TheatreVectorEnv
 from laploop.envs.learning.registry import learner_spec
 from laploop.envs.tasks.registry import task_spec
 from laploop.envs.tasks.steppable_env import SteppableEnv

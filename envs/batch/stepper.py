@@ -1,7 +1,6 @@
 """Who computes the physics of many theatres at once."""
 
 import itertools
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Protocol
@@ -42,7 +41,7 @@ class ThreadedStepper:
         Raises:
             InvalidValueError: If the number of threads is not from 1 to 64.
         """
-        self.threads = checked_threads(threads)
+        self.threads = checked_count("threads", threads, MOST_THREADS)
         self._helpers = ThreadPoolExecutor(max_workers=threads - 1, thread_name_prefix="physics") if threads > 1 else None
 
     def do(self, calls: Sequence[PhysicsCall], /) -> None:
@@ -69,17 +68,12 @@ class ThreadedStepper:
             self._helpers = None
 
 
-def checked_threads(threads: object) -> int:
-    """Return a number of threads.
+def checked_count(name: str, count: object, most: int) -> int:
+    """Return a number of things.
 
     Raises:
-        InvalidValueError: If it is not an integer from 1 to 64.
+        InvalidValueError: If it is not an integer from 1 to `most`.
     """
-    if isinstance(threads, bool) or not isinstance(threads, int) or not 1 <= threads <= MOST_THREADS:
-        raise InvalidValueError("threads", threads, f"an integer, 1 to {MOST_THREADS}")
-    return threads
-
-
-def usable_cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0))
+    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= most:
+        raise InvalidValueError(name, count, f"an integer, 1 to {most}")
+    return count

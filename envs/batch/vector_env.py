@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from laploop.envs.batch.group import EnvironmentGroup, Face, Result, named
 from laploop.envs.batch.group_process import AskedGroup, GroupProcess, LocalGroup
-from laploop.envs.batch.stepper import checked_threads, usable_cores
+from laploop.envs.batch.stepper import MOST_THREADS, checked_count
 from laploop.envs.tasks.reset_arguments import check_reset
 from laploop.envs.tasks.steppable_env import Info, SteppableEnv
 from laploop.errors import InvalidValueError, SimulationError
+from laploop.workers import usable_cores
 
 MOST_ENVIRONMENTS = 4096
 MOST_WORKERS = 256
@@ -60,7 +61,7 @@ class TheatreVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         if max_episode_steps is not None:
             checked_count("max_episode_steps", max_episode_steps, 2**31)
-        checked_threads(threads)
+        checked_count("threads", threads, MOST_THREADS)
         limit = min(self.num_envs, usable_cores()) if workers is None else checked_count("workers", workers, MOST_WORKERS)
         self.workers = min(limit, self.num_envs)
         shares = np.array_split(np.arange(self.num_envs), self.workers)
@@ -154,9 +155,9 @@ class TheatreVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         """Return the picture of each environment."""
         return self.call("render")
 
-    def call(self, name: str, *arguments: Any, **named: Any) -> tuple[Any, ...]:
+    def call(self, name: str, *arguments: Any, **keywords: Any) -> tuple[Any, ...]:
         """Return an attribute of each environment, called with arguments if it can be; workers send back copies."""
-        return tuple(result for _, result in self._all("call", [(name, arguments, named)] * len(self._groups)))
+        return tuple(result for _, result in self._all("call", [(name, arguments, keywords)] * len(self._groups)))
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Return an attribute of each environment; workers send back copies."""
@@ -251,17 +252,6 @@ class TheatreVectorEnv(VectorEnv[Any, Any, NDArray[Any]]):
         return [int(number) for number in np.flatnonzero(mask)]
 
 
-def checked_count(name: str, count: object, most: int) -> int:
-    """Return a number of things.
-
-    Raises:
-        InvalidValueError: If it is not an integer from 1 to `most`.
-    """
-    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= most:
-        raise InvalidValueError(name, count, f"an integer, 1 to {most}")
-    return count
-
-
 def _check_spaces(faces: Mapping[int, Face]) -> None:
     """Raise an InvalidValueError unless all environments have the same spaces, so that they stack."""
     first = faces[0]
@@ -274,9 +264,9 @@ def _check_spaces(faces: Mapping[int, Face]) -> None:
 
 def _autoreset_mode(mode: str | AutoresetMode) -> AutoresetMode:
     """Return a mode by Gymnasium's name of it, or that of the constant."""
-    named = {one.name: one for one in AutoresetMode} | {one.value: one for one in AutoresetMode}
     if isinstance(mode, AutoresetMode):
         return mode
-    if mode not in named:
+    by_name = {one.name: one for one in AutoresetMode} | {one.value: one for one in AutoresetMode}
+    if mode not in by_name:
         raise InvalidValueError("autoreset_mode", mode, ", ".join(one.name for one in AutoresetMode))
-    return named[mode]
+    return by_name[mode]

@@ -69,12 +69,32 @@ class LearnerEnv(SteppableEnv):
     | `stripes` | `Dict`: `stripes`, an image of the same shape, and `proprioception` |
     | `depth+state` | `Dict`: `depth` and `state` |
 
+    Entries of the vectors:
+
+    | entry | size | in | scaled by |
+    |---|---|---|---|
+    | `tip_position`, `tip_velocity` | 3, 3 | every | 0.05 m from (0, 0, 0.09) m; 0.06 m/s |
+    | `contact_force` | 3 | every | 2 N |
+    | `frame_age` | 1 | every but `state` | 0.1 s |
+    | `target_pixel` | 2 | every | the image to -1 to 1 |
+    | what the task adds | | every | |
+    | `to_target` | 3 | `state`, `depth+state` | 0.02 m |
+    | `target_normal`, `tissue_velocity`, `true_force` | 3, 3, 3 | the same | 1; 0.06 m/s; 2 N |
+    | `target_distance` | 1 | the same | 0.02 m |
+
     `layout.slices` says which part of a vector is what, `layout.decode(vector)` gives it in SI units. A grey value of
     `depth` is 0 where depth is not valid, and 1 to 255 from `depth_near_mm` to `depth_far_mm`.
 
     ## Rewards
 
-    `reward="dense"`: the sum of `info["reward_terms"]`: those of `dense_terms`, and `force`, `speed`, `success`, `harm`.
+    `reward="dense"`: the sum of `info["reward_terms"]`: those of `dense_terms`, and
+
+    | term | over an episode |
+    |---|---|
+    | `force` | -2 x the share of time that the tip is pressed with 5 N; linear from 2 N on; palpate 2 N, from 1 N on |
+    | `speed` | -0.1 x the mean square of the action |
+    | `success`, `harm` | 1 once the task is solved, -1 once a safety limit is passed |
+
     `reward="sparse"`: 1 in the step that solves the task, 0 otherwise, so that the mean return is the rate of success.
 
     ## Starting state
@@ -102,17 +122,8 @@ class LearnerEnv(SteppableEnv):
     task_name: ClassVar[str | None] = None
     """The task, where a class is made for one."""
     lasting: ClassVar[frozenset[str]] = frozenset(
-        {
-            "options",
-            "layout",
-            "decision_ticks",
-            "action_scale",
-            "depth_near_mm",
-            "depth_far_mm",
-            "render_mode",
-            "_viewer",
-            "_task",
-        }
+        {"options", "layout", "decision_ticks", "action_scale", "depth_near_mm", "depth_far_mm"}
+        | {"render_mode", "_view", "_viewer", "_task"}
     )
     """Attributes that belong to no state."""
 
@@ -164,8 +175,6 @@ class LearnerEnv(SteppableEnv):
             controller=controller,
         )
         self._task = RandomisedTask(whole, parts, randomisation)
-        self.task_env: TaskEnv[Any] = self._task.env
-        """The task itself; of another configuration, another object."""
         self.metadata = {**self.metadata, "render_fps": 1e3 / self.options.decision_period_ms}
         self.action_scale: float = action_bound(whole)
         """What an action of 1 stands for, m/s or rad/s."""
@@ -175,8 +184,13 @@ class LearnerEnv(SteppableEnv):
         """Entries of the vector that is observed."""
         self.action_space = spaces.Box(-1.0, 1.0, (action_size(whole),), np.float32)
         self.observation_space = observation_space(self.options.observation, self.task_env, self.layout)
-        self._view: EpisodeView | None = None
+        self._view = EpisodeView(self.options.render_view, device=whole.loop.device)
         self._newest: Info | None = None
+
+    @property
+    def task_env(self) -> TaskEnv[Any]:
+        """The task itself; of another configuration, another object."""
+        return self._task.env
 
     @property
     def max_decisions(self) -> int:
@@ -280,9 +294,7 @@ class LearnerEnv(SteppableEnv):
             return None
         if self._newest is None:
             raise SimulationError("there is nothing to render yet; call reset() first")
-        if self._view is None:
-            self._view = EpisodeView(self.task_env, self.options.render_view)
-        return self._view.picture()
+        return self._view.picture(self.task_env)
 
     def get_state(self) -> ChainState:
         """Return everything that shapes the future; errors as for `TaskEnv.get_state`."""
@@ -290,19 +302,18 @@ class LearnerEnv(SteppableEnv):
 
     def set_state(self, state: ChainState) -> None:
         """Go on from a state of an environment like this one; errors as for `TaskEnv.set_state`."""
-        self._drop_view()
         if isinstance(state, ChainState):
-            self.task_env = self._task.resumed(state.environment.config)
+            self._task.resume(state.environment.config)
         set_state(self, state)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what copies and pickles: neither pictures nor a viewer."""
-        return vars(self) | {"_view": None, "_viewer": None}
+        """Return what copies and pickles: not a viewer."""
+        return vars(self) | {"_viewer": None}
 
     def close(self) -> None:
         """End the episode, its threads and its recording."""
         self._newest = None
-        self._drop_view()
+        self._view.close()
         self.task_env.close()
         if self._viewer is not None:
             self._viewer.close()
@@ -311,11 +322,7 @@ class LearnerEnv(SteppableEnv):
         """Draw the episode's configuration; without a seed, from the generator that the last one has set."""
         if self._task.is_random and seed is None:
             seed = int(self.np_random.integers(2**63))
-        values = self._task.draw(0 if seed is None else int(seed))
-        if self.task_env is not self._task.env:
-            self._drop_view()
-            self.task_env = self._task.env
-        return values
+        return self._task.draw(0 if seed is None else int(seed))
 
     def _begun_task(self, seed: int | None, options: dict[str, Any] | None) -> PhysicsRun[tuple[dict[str, Any], Info]]:
         """Reset the task, on another tissue if need be: training should not break off because of one in a hundred."""
@@ -326,11 +333,6 @@ class LearnerEnv(SteppableEnv):
                 # From here on the generator that the seed has set decides.
                 seed = None
         return (yield from self.task_env.resetting(seed=seed, options=options))
-
-    def _drop_view(self) -> None:
-        if self._view is not None:
-            self._view.close()
-            self._view = None
 
     def _observation(self, observed: Mapping[str, Any], truth: Mapping[str, Array]) -> Observation:
         return encoded_observation(self.options.observation, self.task_env, self.layout, observed, truth)

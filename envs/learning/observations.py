@@ -11,6 +11,7 @@ from laploop.envs.learning.encoding import VectorLayout, encode_depth, encode_st
 from laploop.envs.learning.options import ObservationName
 from laploop.envs.learning.privileged import PRIVILEGED
 from laploop.envs.tasks.task_env import TaskEnv
+from laploop.envs.wrappers.frames import frame_time
 
 _OWN_SENSES: Mapping[str, int] = {"tip_position": 3, "tip_velocity": 3, "contact_force": 3}
 
@@ -62,6 +63,5 @@ def _task_keys(env: TaskEnv[Any]) -> tuple[str, ...]:
 
 def _frame_age_s(observation: ObservationName, env: TaskEnv[Any]) -> float:
     """Return the time since the observed frame was captured, by its time stamp."""
-    served, arrived = env.loop.newest_served, env.loop.newest_arrived
-    newest = arrived if observation == "stripes" else None if served is None else served.captured
-    return 0.0 if newest is None else (env.loop.now_ns - newest.time_stamp_ns) * 1e-9
+    shown = frame_time(env, "stripes" if observation == "stripes" else "depth")
+    return (env.loop.now_ns - shown.stamped_ns) * 1e-9

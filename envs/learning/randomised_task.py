@@ -69,11 +69,10 @@ class RandomisedTask:
         self._shares_cores = True
         self.env.share_cores()
 
-    def resumed(self, config: TaskConfig) -> TaskEnv[Any]:
-        """Return the environment for an episode that was begun with a configuration, if any is drawn here."""
+    def resume(self, config: TaskConfig) -> None:
+        """Go on with an episode that was begun with a configuration, if any is drawn here."""
         if self.is_random:
             self._apply(config)
-        return self.env
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what copies and pickles: not the recorder."""

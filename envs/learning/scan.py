@@ -16,31 +16,21 @@ class ScanLearnerEnv(LearnerEnv):
 
     ## Observation space
 
-    As in `LearnerEnv`; entries of the vectors:
+    As in `LearnerEnv`; after `target_pixel` come:
 
     | entry | size | in | scaled by |
     |---|---|---|---|
-    | `tip_position`, `tip_velocity` | 3, 3 | every | 0.05 m from (0, 0, 0.09) m; 0.06 m/s |
-    | `contact_force` | 3 | every | 2 N |
-    | `frame_age` | 1 | every but `state` | 0.1 s |
-    | `target_pixel` | 2 | every | the image to -1 to 1 |
     | `path_pixels`, `path_progress` | 62, 1 | every | the image to -1 to 1; 0 to 1 as -1 to 1 |
-    | `to_target` | 3 | `state`, `depth+state` | 0.02 m |
-    | `target_normal`, `tissue_velocity`, `true_force` | 3, 3, 3 | the same | 1; 0.06 m/s; 2 N |
-    | `target_distance` | 1 | the same | 0.02 m |
 
     ## Rewards
 
-    `reward="dense"`: the sum of these; `reward="sparse"`: 1 in the step that solves the task, 0 otherwise.
+    As in `LearnerEnv`; terms of the task's own:
 
     | term | over an episode |
     |---|---|
     | `approach` | `rewards.approach` of the distance from the place above the line at the end, minus that at the begin |
     | `path` | the share of the line scanned; counts half where the stand-off is far off, as exp(-error over 1 mm) |
     | `time` | -0.5 x the share of the episode's time that has passed |
-    | `force` | -2 x the share of time that the tip is pressed with 5 N; linear from 2 N on |
-    | `speed` | -0.1 x the mean square of the action |
-    | `success`, `harm` | 1 once the task is solved, -1 once a safety limit is passed |
 
     ## Starting state
 

@@ -53,7 +53,7 @@ def show_in_window(recording: Path) -> int:
         InfeasibleError: If there is no display.
     """
     _require_display("look at it in the browser with `laploop view --web`")
-    with _running([str(recording), "--port", str(free_port())]) as viewer:
+    with _running([str(recording), *_bound(free_port())]) as viewer:
         return viewer.wait()
 
 
@@ -74,7 +74,7 @@ def page(recording: Path | None, *, port: int | None = None, stream_port: int | 
     """
     of_page, of_stream = _port(port, PAGE_PORT), _port(stream_port, STREAM_PORT)
     stream = stream_address(of_stream)
-    options = ["--serve-web", "--bind", LOCALHOST, "--web-viewer-port", str(of_page), "--port", str(of_stream)]
+    options = ["--serve-web", *_bound(of_stream), "--web-viewer-port", str(of_page)]
     with _running([*options, *([] if recording is None else [str(recording)])]) as viewer:
         _await_port(of_page, viewer)
         yield f"http://{LOCALHOST}:{of_page}/?url={quote(stream, safe=':/')}", stream
@@ -89,7 +89,7 @@ def live_viewer(port: int = STREAM_PORT) -> str:
     if not is_listening(port):
         _require_display("start `laploop view --web` first and open the page that it names")
         viewer = subprocess.Popen(  # noqa: S603 - the program of a package that is installed with us
-            [str(_program()), "--port", str(port), "--expect-data-soon"],
+            [str(_program()), *_bound(port), "--expect-data-soon"],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -116,6 +116,11 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind((LOCALHOST, 0))
         return int(probe.getsockname()[1])
+
+
+def _bound(port: int) -> list[str]:
+    """Return the options with which a viewer takes recordings from this machine alone; by itself it listens to all."""
+    return ["--bind", LOCALHOST, "--port", str(port)]
 
 
 def _port(given: int | None, usual: int) -> int:

@@ -9,8 +9,8 @@ from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import ArrayLike
 
 from laploop.arrays import Array, Float32
-from laploop.assets.shafts import INSTRUMENT
 from laploop.envs.tasks.observations import bounded
+from laploop.envs.tasks.tick_record import off_goal
 from laploop.envs.wrappers.chain_state import StatefulWrapper, task_of
 from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.perception.geometry import invert_transform, transform_points
@@ -93,9 +93,9 @@ class GoalConditioned(StatefulWrapper):
         return bool(_distance_m(achieved, desired) <= self.distance_threshold_m)
 
     def _observed(self, observation: Any) -> dict[str, Any]:
-        offset, normal, position = self._task.target_offset()
+        offset, _, position = self._task.target_offset()
         camera_from_world = invert_transform(self._task.loop.theatre.world_from_camera())
-        goal = position + INSTRUMENT.tip_radius_m * normal
+        goal, _, _ = off_goal(self._task)
         return {
             "observation": np.asarray(spaces.flatten(self.env.observation_space, observation), np.float32),
             "achieved_goal": bounded(transform_points(camera_from_world, position + offset), -1.0, 1.0),

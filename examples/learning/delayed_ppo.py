@@ -18,7 +18,7 @@ from stable_baselines3.common.monitor import Monitor
 
 import laploop  # noqa: F401  registers the environments
 from laploop.envs import ActionHistory, ConservativeAgent, DelayRandomization
-from laploop.studies import CurveCallback, TargetInDepth, Training, evaluate, load_into, verdict, write_result
+from laploop.studies import CurveCallback, TargetInDepth, evaluate, load_into, verdict, write_result
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("--treatment", default="naive", choices=["naive", "augmented", "conservative"])
@@ -69,14 +69,11 @@ if options.resume:
 
 callback = CurveCallback(options.out, network, resume=options.resume)
 model.learn(options.steps, callback=callback, log_interval=5)
-training = Training(
+training = callback.training(
     method=f"ppo, {options.treatment}",
     environment=ENVIRONMENT,
     keywords={**KEYWORDS, "delay_ms": options.delay_ms},
     seed=options.seed,
-    steps=callback.curve.steps(model.num_timesteps),
-    wall_s=callback.curve.wall_s,
-    cpu_s=callback.curve.cpu_s,
 )
 env.close()
 

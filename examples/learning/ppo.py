@@ -11,7 +11,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
-from laploop.studies import CurveCallback, Training, evaluate, load_into, verdict, write_result
+from laploop.studies import CurveCallback, evaluate, load_into, verdict, write_result
 
 # The module in front of the colon is imported before the id is looked up, also in processes that start from nothing.
 ENVIRONMENT, KEYWORDS = "laploop:laploop/Reach-v1", {"observation": "state", "fidelity": "fast"}
@@ -56,15 +56,7 @@ def main():
 
     callback = CurveCallback(options.out, network, resume=options.resume)
     model.learn(options.steps, callback=callback, log_interval=5)
-    training = Training(
-        method="ppo",
-        environment=ENVIRONMENT.partition(":")[2],
-        keywords=KEYWORDS,
-        seed=options.seed,
-        steps=callback.curve.steps(model.num_timesteps),
-        wall_s=callback.curve.wall_s,
-        cpu_s=callback.curve.cpu_s,
-    )
+    training = callback.training(method="ppo", environment=ENVIRONMENT.partition(":")[2], keywords=KEYWORDS, seed=options.seed)
     envs.close()
 
     # Now the mean of the policy instead of a sample, on seeds that training never used.

@@ -56,15 +56,7 @@ if options.resume:
 
 callback = CurveCallback(options.out, network, resume=options.resume)
 model.learn(options.steps, callback=callback, log_interval=5)
-training = Training(
-    method="residual ppo",
-    environment=ENVIRONMENT,
-    keywords=KEYWORDS,
-    seed=options.seed,
-    steps=callback.curve.steps(model.num_timesteps),
-    wall_s=callback.curve.wall_s,
-    cpu_s=callback.curve.cpu_s,
-)
+training = callback.training(method="residual ppo", environment=ENVIRONMENT, keywords=KEYWORDS, seed=options.seed)
 
 # Both on the same seeds, which training never used.
 scores = evaluate(lambda observation: model.predict(observation, deterministic=True)[0], env, options.episodes)

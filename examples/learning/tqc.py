@@ -12,7 +12,7 @@ from sb3_contrib import TQC
 from stable_baselines3.common.monitor import Monitor
 
 import laploop  # noqa: F401  registers the environments
-from laploop.studies import CurveCallback, Training, evaluate, load_into, verdict, write_result
+from laploop.studies import CurveCallback, evaluate, load_into, verdict, write_result
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--steps", type=int, default=10_000, help="decisions of 40 ms")
@@ -49,15 +49,7 @@ if options.resume:
 callback = CurveCallback(options.out, network, resume=options.resume)
 model.learn(options.steps, callback=callback, log_interval=20)
 
-training = Training(
-    method="tqc",
-    environment=ENVIRONMENT,
-    keywords=KEYWORDS,
-    seed=options.seed,
-    steps=callback.curve.steps(model.num_timesteps),
-    wall_s=callback.curve.wall_s,
-    cpu_s=callback.curve.cpu_s,
-)
+training = callback.training(method="tqc", environment=ENVIRONMENT, keywords=KEYWORDS, seed=options.seed)
 
 # Now the mean of the policy instead of a sample, on seeds that training never used.
 scores = evaluate(lambda observation: model.predict(observation, deterministic=True)[0], env, options.episodes)

@@ -19,6 +19,13 @@ Result = TypeVar("Result")
 _POLL_S = 0.2
 
 
+def usable_cores() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def run_in_workers(
     work: Callable[[Job], Result],
     jobs: Sequence[Job],

@@ -8,6 +8,7 @@ from pydantic import JsonValue
 from stable_baselines3.common.callbacks import BaseCallback
 
 from laploop.studies.learners.curve import Curve
+from laploop.studies.learners.evaluation import Training
 from laploop.studies.learners.sb3_policy import save_sb3
 
 
@@ -29,6 +30,18 @@ class CurveCallback(BaseCallback):
         self.curve = Curve(folder, resume=resume)
         self._folder, self._policy_kwargs, self._every = folder, policy_kwargs, every
         self._written = 0
+
+    def training(self, *, method: str, environment: str, keywords: Mapping[str, Any], seed: int) -> Training:
+        """Return how the policy came about, once it has been trained."""
+        return Training(
+            method=method,
+            environment=environment,
+            keywords=keywords,
+            seed=seed,
+            steps=self.curve.steps(self.num_timesteps),
+            wall_s=self.curve.wall_s,
+            cpu_s=self.curve.cpu_s,
+        )
 
     def _on_step(self) -> bool:
         for info in self.locals["infos"]:

@@ -78,13 +78,14 @@ def evaluate(
         raise InvalidValueError("episodes", episodes, "1 or more")
     scores = []
     for seed in range(UNSEEN_SEED, UNSEEN_SEED + episodes):
-        scores.append(_score(policy, env, seed))
+        scores.append(score_episode(policy, env, seed))
         if progress is not None:
             progress(len(scores))
     return scores
 
 
-def _score(policy: Policy, env: gym.Env[Any, Any], seed: int) -> EpisodeScore:
+def score_episode(policy: Policy, env: gym.Env[Any, Any], seed: int) -> EpisodeScore:
+    """Run a policy on the episode of a seed."""
     observation, info = env.reset(seed=seed)
     total, steps, force, ended = 0.0, 0, 0.0, False
     while not ended:

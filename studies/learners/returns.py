@@ -12,12 +12,11 @@ from typing import Any, Literal, get_args
 
 import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
 
-from laploop.control.controllers.registry import make_controller
-from laploop.control.messages import TipController
 from laploop.envs.learning.learner_env import LearnerEnv
-from laploop.envs.tasks.registry import TASKS, environment_id, task_spec
+from laploop.envs.tasks.registry import TASKS, environment_id
+from laploop.studies.demonstrations.expert import Expert
+from laploop.studies.learners.evaluation import EpisodeScore, Policy, score_episode
 from laploop.whole_file import whole_file
 
 PolicyName = Literal["zero", "random", "scripted"]
@@ -38,40 +37,33 @@ def measure_returns(task: str, seeds: int = SEEDS) -> dict[str, Any]:
     return {policy: _summary([_episode(task, policy, seed) for seed in range(seeds)]) for policy in get_args(PolicyName)}
 
 
-def _episode(task: str, policy: PolicyName, seed: int) -> tuple[float, int, bool]:
+def _episode(task: str, name: PolicyName, seed: int) -> EpisodeScore:
     env = gym.make(environment_id(task, 1), **CONDITIONS)
     try:
         learner = env.unwrapped
         if not isinstance(learner, LearnerEnv):
             raise TypeError(f"{environment_id(task, 1)} is a {type(learner).__name__}")
         env.action_space.seed(seed)
-        _, info = env.reset(seed=seed)
-        controller = make_controller(task_spec(task).controller, learner.task_env.loop.rig)
-        controller.reset()
-        total, steps, ended = 0.0, 0, False
-        while not ended:
-            _, reward, terminated, truncated, info = env.step(_action(policy, learner, controller))
-            total, steps, ended = total + float(reward), steps + 1, terminated or truncated
-        return total, steps, info["is_success"]
+        return score_episode(_policy(name, learner), env, seed)
     finally:
         env.close()
 
 
-def _action(policy: PolicyName, env: LearnerEnv, controller: TipController) -> NDArray[np.float32]:
-    if policy == "random":
-        return env.action_space.sample()
-    if policy == "zero":
-        return np.zeros(3, np.float32)
-    return np.asarray(controller.command(env.task_env.control_input()) / env.action_scale, np.float32)
+def _policy(name: PolicyName, env: LearnerEnv) -> Policy:
+    if name == "random":
+        return lambda _: env.action_space.sample()
+    if name == "zero":
+        return lambda _: np.zeros(3, np.float32)
+    expert = Expert(env)
+    return lambda _: expert.action()
 
 
-def _summary(episodes: Sequence[tuple[float, int, bool]]) -> dict[str, Any]:
-    returns, steps, successes = zip(*episodes, strict=True)
+def _summary(episodes: Sequence[EpisodeScore]) -> dict[str, Any]:
     return {
-        "mean_return": float(np.mean(returns)),
-        "returns": list(returns),
-        "steps": list(steps),
-        "success_rate": float(np.mean(successes)),
+        "mean_return": float(np.mean([one.total_return for one in episodes])),
+        "returns": [one.total_return for one in episodes],
+        "steps": [one.steps for one in episodes],
+        "success_rate": float(np.mean([one.success for one in episodes])),
     }
 
 

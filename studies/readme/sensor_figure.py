@@ -33,8 +33,7 @@ def depth_per_turn(depth_m: Array, rig: Rig) -> Array:
         depth_m: Distances along the optical axis.
         rig: Its projector's period tau, as a tangent, and baseline b.
     """
-    period_tan = 2.0 * np.tan(0.5 * rig.mask.fov_rad) / rig.mask.stripes
-    return np.asarray(np.square(depth_m) * period_tan / rig.baseline_m)
+    return np.asarray(np.square(depth_m) * rig.mask.period_tan / rig.baseline_m)
 
 
 def draw_sensor(results: Path, path: Path) -> None:

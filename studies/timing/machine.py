@@ -5,6 +5,8 @@ import platform
 from pathlib import Path
 from typing import Any
 
+from laploop.workers import usable_cores
+
 
 def describe_machine() -> dict[str, Any]:
     """Describe processor, memory, system and load; nothing that identifies the machine or its user.
@@ -13,11 +15,10 @@ def describe_machine() -> dict[str, Any]:
         `cpu`, `logical_cores`, `usable_cores`, `memory_gib`, `system`, `python`, `gpu` (None without one), and
         `load_1min`, the mean number of busy processes in the last minute; above 0.5, the machine was not idle.
     """
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     return {
         "cpu": _cpu_model(),
         "logical_cores": os.cpu_count(),
-        "usable_cores": usable,
+        "usable_cores": usable_cores(),
         "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),
         "system": f"{platform.system()} {platform.release()} {platform.machine()}",
         "python": platform.python_version(),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.arrays import Array
+from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
 from laploop.assets.anatomy.families import family_named
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.envs.sensors.object_id import ObjectId
@@ -23,7 +24,7 @@ from laploop.perception.geometry import Rig
 from laploop.perception.working_range import WORKING_RANGE_MM
 from laploop.studies.twin.config import LightConfig
 from laploop.studies.twin.render import check_mitsuba, render_twin
-from laploop.studies.twin.scene import height_field, twin_optics, with_vessels
+from laploop.studies.twin.scene import height_field, joined, twin_optics, with_vessels
 
 _NEAREST_M = 0.075
 """From the camera to the organ's nearest point."""
@@ -104,17 +105,13 @@ def count_images(config: LightConfig) -> int:
     return len(config.organs) * len(lights())
 
 
-def _organ_scene(organ: Any) -> SceneGeometry:
+def _organ_scene(organ: AnatomyMesh) -> SceneGeometry:
     """Put an organ, with z up, before the camera, and a wall behind it."""
     points = organ.points * [1.0, -1.0, -1.0]
     points[:, 2] += _NEAREST_M - points[:, 2].min()
     distance = float(points[:, 2].max()) + _WALL_M
     wall = height_field(lambda x, _: np.full_like(x, distance), object_id=ObjectId.TISSUE, half_m=0.2)
-    return SceneGeometry(
-        points=np.concatenate([points, wall.points]),
-        triangles=np.concatenate([organ.triangles, wall.triangles + len(points)]),
-        object_ids=ObjectId.TISSUE,
-    )
+    return joined((points, organ.triangles), wall, object_id=ObjectId.TISSUE)
 
 
 def _captured(rig: Rig, optics: StripeOptics, scene: SceneGeometry, rng: np.random.Generator) -> StripeCapture:

@@ -49,7 +49,7 @@ def sphere_scene() -> TwinScene:
     """Return a sphere of 60 mm before a wall."""
     points, triangles = primitives.sphere(0.03)
     wall = height_field(lambda x, _: np.full_like(x, 0.13), half_m=0.15, step_m=0.15)
-    return TwinScene(name="sphere", geometry=_joined((points + [0.0, 0.0, 0.1], triangles), wall), mask=StripeMask())
+    return TwinScene(name="sphere", geometry=joined((points + [0.0, 0.0, 0.1], triangles), wall), mask=StripeMask())
 
 
 def fold_scene() -> TwinScene:
@@ -91,14 +91,14 @@ def organ_scene() -> TwinScene:
     aside = np.array([-along[1], along[0], 0.0])
     rotation = np.column_stack([aside, [0.0, 0.0, 1.0], along])
     rod = (points @ rotation.T + [0.055, 0.008, 0.066], triangles)
-    return TwinScene(name="organ and instrument", geometry=_joined(rod, organ, object_id=ObjectId.TOOL), mask=StripeMask())
+    return TwinScene(name="organ and instrument", geometry=joined(rod, organ, object_id=ObjectId.TOOL), mask=StripeMask())
 
 
 def shadow_scene() -> TwinScene:
     """Return a screen over half of a wall, under a clear mask."""
     wall = height_field(lambda x, _: np.full_like(x, 0.1), half_m=0.15, step_m=0.15)
     screen = np.array([[-0.004, -0.1, 0.05], [0.1, -0.1, 0.05], [0.1, 0.1, 0.05], [-0.004, 0.1, 0.05]])
-    geometry = _joined((screen, np.array([[0, 1, 2], [0, 2, 3]])), wall)
+    geometry = joined((screen, np.array([[0, 1, 2], [0, 2, 3]])), wall)
     return TwinScene(name="shadow", geometry=geometry, mask=StripeMask(profile=(1.0,)), rows=(112, 144))
 
 
@@ -121,7 +121,7 @@ def height_field(
     return SceneGeometry(points=points, triangles=triangles, object_ids=object_id)
 
 
-def _joined(front: primitives.Surface, back: SceneGeometry, *, object_id: int = ObjectId.OTHER) -> SceneGeometry:
+def joined(front: primitives.Surface, back: SceneGeometry, *, object_id: int = ObjectId.OTHER) -> SceneGeometry:
     """Put a surface before a scene."""
     points, triangles = front
     return SceneGeometry(

@@ -1,14 +1,12 @@
 """Every option of every command."""
 
 import re
-import warnings
 
 import pytest
-import tyro
 
 from laploop.cli.completion import argument_kinds
 from laploop.cli.main import COMMANDS
-from laploop.cli.parsing import BOUNDS_IN_HELP
+from laploop.cli.parsing import options_of
 from laploop.cli.tree import leaves
 from laploop.envs.episode_config import EpisodeConfig
 from laploop.envs.tasks.registry import TASKS
@@ -23,15 +21,10 @@ LENGTH = r"-(m|mm|px)$"
 @pytest.fixture(scope="module")
 def options():
     """Return names and help of all options, by command."""
-    found = {}
-    for name, kind in argument_kinds(list(COMMANDS)).items():
-        # The one way to the options themselves.
-        with BOUNDS_IN_HELP, warnings.catch_warnings(action="ignore", category=DeprecationWarning):
-            parser = tyro.extras.get_parser(kind)
-        found[name] = [
-            (one.option_strings[-1], " ".join((one.help or "").split())) for one in parser._actions if one.option_strings
-        ]
-    return found
+    return {
+        command: [(option.names[-1], option.meaning) for option in options_of(kind) if option.names]
+        for command, kind in argument_kinds(list(COMMANDS)).items()
+    }
 
 
 def test_every_option_says_what_it_means(options):

@@ -3,7 +3,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_reference import arguments_of, commands_markdown
+from command_reference import commands_markdown
 from configuration_reference import configuration_markdown
 from docstring_markup import restructured
 from generated_pages import REPOSITORY, filled
@@ -14,7 +14,7 @@ from site_map import CONTENTS
 from task_reference import tasks_markdown
 
 from laploop.cli.main import COMMANDS
-from laploop.cli.parsing import option_names
+from laploop.cli.parsing import arguments_class, option_names
 from laploop.cli.tree import leaves, option_name
 from laploop.envs import TASKS, EpisodeConfig
 
@@ -30,7 +30,7 @@ def commands():
 @pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"train"}))
 def test_a_command_lists_each_option_with_its_bounds(command, commands):
     section = re.search(rf"^## `laploop {command}`\n(.*?)(?=^## |\Z)", commands, flags=re.DOTALL | re.MULTILINE)[1]
-    for option in option_names(arguments_of(command)):
+    for option in option_names(arguments_class(command)):
         assert f"`{option}`" in section
     if command == "speed":
         assert (

@@ -6,12 +6,11 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 import pytest
-from command_reference import arguments_of
 from generated_pages import filled
 from page_runner import blocks_of
 
 from laploop.cli.main import COMMANDS
-from laploop.cli.parsing import option_names
+from laploop.cli.parsing import arguments_class, option_names
 from laploop.cli.tree import leaves, option_name
 from laploop.envs import TASKS, EpisodeConfig
 
@@ -71,7 +70,7 @@ def command_lines():
 
 def test_every_option_in_the_pages_exists():
     fields = {option_name(path, "task") for task in TASKS.names() for path in leaves(EpisodeConfig.of(task=task))}
-    known = {command: {*option_names(arguments_of(command))} for command in COMMANDS if command != "train"}
+    known = {command: {*option_names(arguments_class(command))} for command in COMMANDS if command != "train"}
     wrong = []
     for page, command, rest in command_lines():
         options = [word.partition("=")[0] for word in shlex.split(rest) if word.startswith("--")]

@@ -1,7 +1,6 @@
 """Runs Warp launches in strips, on several CPU threads or at once on CUDA."""
 
 import itertools
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from laploop.errors import InvalidValueError
+from laploop.workers import usable_cores
 
 _PIXEL_STRIPS_PER_THREAD = 4
 _CUDA_ROW_STRIPS = 16
@@ -29,7 +29,7 @@ class StripRunner:
     def __init__(self, device: Any, threads: int | None = None) -> None:
         """Use a Warp device; by default with two threads where there are two cores, on CUDA always with one."""
         if threads is None:
-            threads = min(2, len(os.sched_getaffinity(0)))
+            threads = min(2, usable_cores())
         if not 1 <= threads <= 64:
             raise InvalidValueError("threads", threads, "1 to 64")
         self._on_cpu = bool(device.is_cpu)
