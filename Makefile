@@ -100,7 +100,8 @@ results: $(DEV)
 	$(BIN)/laploop evaluate --dataset $(FRAMES) --models ssle-phase compact phase --robustness --out runs/robustness \
 	  && cp runs/robustness/summary.json $(RESULTS)/robustness.json
 	for model in $(NETWORKS); do $(BIN)/laploop speed --model $$model --threads 1 --out runs/speed-$$model \
-	  && cp runs/speed-$$model/summary.json $(RESULTS)/speed-$$model.json || exit 1; done
+	  && cp runs/speed-$$model/summary.json $(RESULTS)/speed-$$model.json \
+	  && cp runs/speed-$$model/latency_trace.csv envs/loop/timing/traces/$$model.csv || exit 1; done
 	$(BIN)/laploop fidelity --out runs/fidelity && cp runs/fidelity/summary.json $(RESULTS)/fidelity.json
 	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
 	$(BIN)/python -P -m laploop.studies.learners.returns $(RESULTS)/learner-returns.json

@@ -101,6 +101,10 @@ TIMINGS: Registry[TimingPreset] = Registry(
             timing=_late_by(630.0),
             source="630 ms from imaging to beam, of radiotherapy that follows breathing (PMC12956478)",
         ),
+        "measured-compact": "laploop.envs.measured_timings:COMPACT",
+        "measured-ssle-phase": "laploop.envs.measured_timings:SSLE_PHASE",
+        "measured-ssle": "laploop.envs.measured_timings:SSLE",
+        "measured-dual-unet": "laploop.envs.measured_timings:DUAL_UNET",
     },
 )
 """In the order in which they are listed to users."""

@@ -1,6 +1,6 @@
 """What a figure shows, apart from how it is drawn: the same charts become PNGs and parts of the report."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -48,3 +48,8 @@ class Chart:
     kind: Literal["lines", "bars"] = "lines"
     note: str = ""
     """How to read it."""
+
+    @classmethod
+    def from_plain(cls, plain: Mapping[str, Any]) -> "Chart":
+        """Return the chart that `dataclasses.asdict` made plain."""
+        return cls(**{**plain, "series": tuple(Series(**series) for series in plain["series"])})

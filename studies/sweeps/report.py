@@ -2,6 +2,7 @@
 
 import html
 import json
+import re
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
@@ -24,6 +25,7 @@ def write_report(
     *,
     title: str,
     about: str,
+    sentences: Sequence[str],
     charts: Sequence[Chart],
     table: Sequence[Sequence[str]],
     command: str,
@@ -32,6 +34,8 @@ def write_report(
 ) -> None:
     """Write the page; the first row of the table is its header. Plotly's code is part of the page: it asks no other machine."""
     parts = [f"<h1>{html.escape(title)}</h1>", f"<p>{html.escape(about)}</p>"]
+    if sentences:
+        parts += ["<ul>", *(f"<li>{_words(sentence)}</li>" for sentence in sentences), "</ul>"]
     for number, chart in enumerate(charts):
         parts += [_chart(chart, first=number == 0), f"<p>{html.escape(chart.note)}</p>"]
     head, *body = table
@@ -69,6 +73,11 @@ def _trace(graph_objects: Any, chart: Chart, series: Series, color: str) -> Any:
     if series.kind == "theory":
         return graph_objects.Scatter(**shared, mode="lines", line={"color": color, "dash": "dash"})
     return graph_objects.Scatter(**shared, mode="lines+markers", line={"color": color})
+
+
+def _words(sentence: str) -> str:
+    """Return a sentence as HTML, with code where it has backticks."""
+    return re.sub("`([^`]*)`", r"<code>\1</code>", html.escape(sentence))
 
 
 def _row(cells: Sequence[str], tag: str) -> str:

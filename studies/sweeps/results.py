@@ -2,15 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from laploop.configuration import to_plain
-from laploop.studies.sweeps.analysis import analyse, lines_of, table_cells, table_csv, table_markdown
+from laploop.studies.sweeps.analyses.findings import analyse
 from laploop.studies.sweeps.chart_figure import draw_chart
 from laploop.studies.sweeps.report import can_report, write_report
 from laploop.studies.sweeps.run import Outcome, write_parquet
 from laploop.studies.sweeps.sweep import Sweep
+from laploop.studies.sweeps.table import lines_of, table_cells, table_csv, table_markdown
 from laploop.studies.timing.machine import describe_machine
 
 Artefact = Callable[[str], AbstractContextManager[Path]]
@@ -28,7 +30,7 @@ def write_results(sweep: Sweep, outcomes: Sequence[Outcome], artefact: Artefact,
     lines, found, machine = lines_of(sweep, outcomes), analyse(sweep, outcomes), describe_machine()
     with artefact("episodes.parquet") as path:
         write_parquet(outcomes, path)
-    texts = {"table.csv": table_csv(lines), "table.md": table_markdown(sweep, lines, found.markdown), "sweep.toml": sweep.text}
+    texts = {"table.csv": table_csv(lines), "table.md": table_markdown(sweep, lines, found), "sweep.toml": sweep.text}
     for name, text in texts.items():
         with artefact(name) as path:
             path.write_text(text, encoding="utf-8")
@@ -41,6 +43,7 @@ def write_results(sweep: Sweep, outcomes: Sequence[Outcome], artefact: Artefact,
                 path,
                 title=sweep.title,
                 about=sweep.about,
+                sentences=found.sentences,
                 charts=found.charts,
                 table=table_cells(lines),
                 command=command,
@@ -53,7 +56,9 @@ def write_results(sweep: Sweep, outcomes: Sequence[Outcome], artefact: Artefact,
         "seeds": sweep.seeds,
         "conditions": lines,
         "analysis": found.results,
+        "sentences": list(found.sentences),
         "tables": found.markdown,
+        "charts": [asdict(chart) for chart in found.charts],
         "failed": _failed(outcomes),
         "report": can_report(),
         "repeat": command,

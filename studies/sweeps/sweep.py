@@ -50,6 +50,8 @@ class Sweep:
     pairing: Pairing = "same-seeds"
     """Whether all conditions have the same seeds, so that differences are between equal tissues, targets and noise."""
     analysis: str = "generic"
+    labels: Mapping[str, str] = field(default_factory=dict)
+    """What figures call an axis, by axis."""
     text: str = field(default="", repr=False)
     """The file that describes it."""
     quick: bool = False
@@ -62,6 +64,10 @@ class Sweep:
     def metrics_of(self, group: str) -> tuple[str, ...]:
         """Return what figures and analyses of a part show."""
         return self.group_metrics.get(group, self.metrics)
+
+    def label(self, axis: str) -> str:
+        """Return what figures call an axis."""
+        return self.labels.get(axis, axis)
 
     def groups(self) -> dict[str, list[Condition]]:
         """Return the conditions of each part, in the file's order."""

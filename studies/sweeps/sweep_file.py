@@ -19,7 +19,7 @@ from pydantic import JsonValue
 
 from laploop.configuration import Field, configuration, from_plain, to_plain
 from laploop.errors import InvalidValueError, LaploopError, UnknownNameError, check_file
-from laploop.studies.sweeps.analysis import analysis_named
+from laploop.studies.sweeps.analyses.findings import analysis_named
 from laploop.studies.sweeps.conditions import Axis, Settings, check_buildable, episode_of
 from laploop.studies.sweeps.sweep import Condition, Label, Pairing, Sweep
 from laploop.studies.sweeps.tick_metrics import METRICS
@@ -105,6 +105,8 @@ class SweepFile:
     conditions: Annotated[tuple[ConditionFile, ...], Field(min_length=0, max_length=1000)] = ()
     switches: Annotated[tuple[SwitchFile, ...], Field(min_length=0, max_length=10)] = ()
     """Crossed with everything: 2^n."""
+    labels: dict[str, str] = Field(default_factory=dict)
+    """What figures call an axis, with its unit in brackets, by axis."""
     quick: QuickFile = Field(default_factory=QuickFile)
 
     def __post_init__(self) -> None:
@@ -145,6 +147,9 @@ def read_sweep(name_or_file: str, *, quick: bool = False, seeds: int | None = No
     if not trust and (named := next(_named_code(plain), None)) is not None:
         where = _placed(place, text, [named[0]])
         raise InvalidValueError(f"{where}: {named[0]}", named[1], "no module:Class from a file without --trust")
+    axes = {axis for table in (described.vary, *(one.vary or {} for one in described.conditions)) for axis in table}
+    if (astray := next((axis for axis in described.labels if axis not in axes), None)) is not None:
+        raise UnknownNameError("axis in labels", astray, axes).at(_placed(place, text, [astray]), ": ")
     if quick:
         described = _quick(described, place, text)
     if seeds is not None:
@@ -160,6 +165,7 @@ def read_sweep(name_or_file: str, *, quick: bool = False, seeds: int | None = No
         group_metrics={one.name: one.metrics for one in described.conditions if one.metrics is not None},
         pairing=described.pairing,
         analysis=described.analysis,
+        labels=described.labels,
         text=text,
         quick=quick,
     )

@@ -1,3 +1,5 @@
+import json
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -14,6 +16,9 @@ from laploop.envs.theatre.organ_motion import MotionName
 from laploop.envs.theatre.trocar import TrocarName
 from laploop.envs.timing_presets import TIMINGS, TimingPreset
 from laploop.errors import InvalidValueError, UnknownNameError
+from laploop.perception import NETWORKS
+
+RESULTS = Path(__file__).parents[2] / "docs/results"
 
 
 def loop_of(name, **options):
@@ -51,6 +56,14 @@ def test_single_stages_of_a_preset_can_be_changed():
     assert (service, service.typical_ns) == (LognormalLatency(median_ms=12.75, sigma=0.2), 12_750_000)
 
 
+@pytest.mark.parametrize("network", NETWORKS.names())
+def test_a_networks_measured_timing_is_the_trace_of_its_committed_speed(network):
+    summary = json.loads((RESULTS / f"speed-{network}.json").read_text())
+    trace = loop_of(f"measured-{network}").timing.service
+    assert len(trace.latencies_ms) == summary["config"]["speed"]["frames"]
+    assert trace.typical_ns == pytest.approx(1e6 * summary["p50_ms"], abs=1)
+
+
 def test_an_unknown_timing_is_refused_and_one_of_a_users_own_taken():
     with pytest.raises(UnknownNameError, match="unknown timing 'papper'; did you mean 'paper'"):
         loop_of("papper")
@@ -73,7 +86,7 @@ def test_every_name_that_an_option_takes_is_listed_with_one_line_of_source():
     }
     assert {option: tuple(sources) for option, sources in SOURCES.items()} == names
     listed = list(presets())
-    assert len(listed) == 24 + sum(map(len, names.values()))
+    assert len(listed) == 28 + sum(map(len, names.values()))
     assert all(10 < len(preset.source) < 110 and "\n" not in preset.source for preset in listed)
 
 

@@ -58,6 +58,7 @@ def test_the_page_holds_charts_table_command_sweep_and_machine(traces, tmp_path)
         tmp_path / "report.html",
         title="A & B",
         about="About.",
+        sentences=["`rate` < `none`."],
         charts=[LINES, BARS],
         table=[["condition", "error"], ["late", "1 [0, 2]"]],
         command="laploop study own.toml --out 'my runs'",
@@ -68,6 +69,7 @@ def test_the_page_holds_charts_table_command_sweep_and_machine(traces, tmp_path)
     assert page.count("<div>a chart</div>") == 2
     for text in (
         "A &amp; B",
+        "<li><code>rate</code> &lt; <code>none</code>.</li>",
         "How to &lt;read&gt; it.",
         "<td>1 [0, 2]</td>",
         "laploop study own.toml",

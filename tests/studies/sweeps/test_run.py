@@ -9,10 +9,11 @@ from pyarrow import parquet
 from laploop.cli.main import main
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.studies.episodes.trials import failed_row
-from laploop.studies.sweeps.analysis import analyse_generally, lines_of, table_csv, table_markdown
+from laploop.studies.sweeps.analyses.findings import analyse
 from laploop.studies.sweeps.engine import Engine
 from laploop.studies.sweeps.run import run_sweep, write_parquet
 from laploop.studies.sweeps.sweep_file import read_sweep
+from laploop.studies.sweeps.table import lines_of, table_csv, table_markdown
 
 
 def fake_row(episode):
@@ -45,15 +46,19 @@ def test_rows_come_in_the_sweeps_order_and_become_tables(sweep_file, tmp_path):
     outcomes = run_sweep(sweep, tmp_path, Engine(), counts.append, run=fake_row)
     assert counts == list(range(9))
     assert [one.values("total_rms_mm") for one in outcomes] == [[0.0, 0.1], [0.0, 0.1], [0.5, 0.6], [0.5, 0.6]]
-    lines = lines_of(sweep, outcomes)
+    lines, findings = lines_of(sweep, outcomes), analyse(sweep, outcomes)
     assert lines[2]["metrics"]["total_rms_mm"]["value"]["mean"] == pytest.approx(0.55)
     assert lines[2]["metrics"]["total_rms_mm"]["difference"]["low"] == pytest.approx(0.5)
     header, *body = table_csv(lines).splitlines()
     assert header.startswith("condition,group,loop.timing.pipeline.latency_ms,prediction,episodes")
     assert len(body) == 4
-    assert "0.55 [0.5, 0.6]; +0.5 [+0.5, +0.5]" in table_markdown(sweep, lines)
-    first, _ = analyse_generally(sweep, outcomes).charts
+    assert "0.55 [0.5, 0.6]; +0.5 [+0.5, +0.5]" in table_markdown(sweep, lines, findings)
+    first, _ = findings.charts
     assert [(line.name, line.x) for line in first.series] == [("none", [0.0, 50.0]), ("rate", [0.0, 50.0])]
+    assert findings.sentences[0] == (
+        "None: with loop.timing.pipeline.latency_ms from 0 to 50, the RMS error goes from 0.05 to 0.55 mm, "
+        "a difference of +0.5 [+0.5, +0.5]."
+    )
     write_parquet(outcomes, tmp_path / "episodes.parquet")
     table = parquet.read_table(tmp_path / "episodes.parquet").to_pylist()
     assert len(table) == 8

@@ -1,7 +1,7 @@
 import pytest
 
 from laploop.errors import InvalidValueError, LaploopError, MissingFileError, UnknownNameError
-from laploop.studies.sweeps.analysis import analysis_named
+from laploop.studies.sweeps.analyses.findings import analysis_named
 from laploop.studies.sweeps.sweep_file import read_sweep, shipped_names
 
 AXIS = "loop.timing.pipeline.latency_ms"
@@ -76,6 +76,7 @@ def test_pairing_decides_the_seeds(sweep_file):
     [
         ("pipeline.latency", "pipline.latency", r"own.toml, line 16: .*pipline.*did you mean 'pipeline'"),
         ("prediction =", "predicton =", r"line 17: .*'predicton'; did you mean 'prediction'"),
+        ("[vary]", '[labels]\npredction = "how"\n\n[vary]', r"line 16: .*'predction'; did you mean 'prediction'"),
         ("[0, 50.0]", "[]", r"line 16: .*at least one value"),
         ("[0, 50.0]", "[0, -5]", r"line 16: .* is -5; allowed: 0 to 5000"),
         ("[0, 50.0]", "[0, nan]", r"line 16: .*nan.*finite"),

@@ -4,9 +4,9 @@ import pytest
 
 from laploop.errors import SimulationError
 from laploop.studies.episodes.trials import failed_row
-from laploop.studies.sweeps.analysis import analyse
-from laploop.studies.sweeps.delay_margin import GAIN, frame_delay, gain_delay
-from laploop.studies.sweeps.delay_theory import border_gain_per_s, overshoot_percent
+from laploop.studies.sweeps.analyses.delay_margin import GAIN, frame_delay, gain_delay
+from laploop.studies.sweeps.analyses.delay_theory import border_gain_per_s, overshoot_percent
+from laploop.studies.sweeps.analyses.findings import analyse
 from laploop.studies.sweeps.engine import Engine
 from laploop.studies.sweeps.run import run_sweep
 from laploop.studies.sweeps.sweep_file import read_sweep
@@ -38,6 +38,11 @@ def test_borders_and_overshoots_are_told_beside_theory(shipped, tmp_path):
     assert [round(one["gain_delay"], 9) for one in findings.results["overshoots"]] == [0.2, 0.5, 0.7, 1.0]
     assert [chart.name for chart in findings.charts][:2] == ["border-1-frame-late", "border-2-frames-late"]
     assert "| 0.7 | 20.6 | 20.6 |" in findings.markdown
+    border, overshoot, *_ = findings.sentences
+    assert border.startswith(
+        "Frames 1, 2 and 3 periods late, the servo becomes unstable at a gain of 25.0, 15.5 and 11.1 per second"
+    )
+    assert overshoot == "Overshoot is within 0.0 points of theory at every product of gain and delay."
 
 
 def with_gain(episode):

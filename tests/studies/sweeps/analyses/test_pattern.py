@@ -7,9 +7,9 @@ from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
 from laploop.errors import SimulationError
 from laploop.studies.episodes.trials import failed_row
-from laploop.studies.sweeps.analysis import analyse
+from laploop.studies.sweeps.analyses.findings import analyse
+from laploop.studies.sweeps.analyses.pattern import farthest_unambiguous_mm
 from laploop.studies.sweeps.engine import Engine
-from laploop.studies.sweeps.pattern import farthest_unambiguous_mm
 from laploop.studies.sweeps.run import run_sweep
 from laploop.studies.sweeps.sweep_file import read_sweep
 
@@ -39,3 +39,5 @@ def test_parts_that_change_geometry_tell_the_range(tmp_path):
     assert {"light-depth_mae_mm", "duty-depth_valid_fraction"} <= set(names)
     assert len(findings.results["unambiguous"]) == 10
     assert "| stripes: stripes=40 | 60 | 92 |" in findings.markdown
+    assert "Best stripes: `stripes=20`, error 1.61 mm, 90 % valid." in findings.sentences
+    assert "Ambiguous beyond 92 mm: `stripes=40`, error 0.806 mm, 90 % valid." in findings.sentences

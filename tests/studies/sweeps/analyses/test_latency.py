@@ -5,9 +5,9 @@ import pytest
 
 from laploop.errors import SimulationError
 from laploop.studies.episodes.trials import failed_row
-from laploop.studies.sweeps.analysis import analyse
+from laploop.studies.sweeps.analyses.findings import analyse
+from laploop.studies.sweeps.analyses.latency import LATENCY, METRIC, follower_gain_per_s, theory
 from laploop.studies.sweeps.engine import Engine
-from laploop.studies.sweeps.latency import LATENCY, METRIC, follower_gain_per_s, theory
 from laploop.studies.sweeps.run import run_sweep
 from laploop.studies.sweeps.sweep_file import read_sweep
 
@@ -66,6 +66,9 @@ def test_charts_carry_theory_and_fits(shipped, tmp_path):
     assert measured.y == pytest.approx(said.y)
     assert {round(one["ratio"], 9) for one in findings.results["theory"]} == {1.0}
     fit = next(one for one in findings.results["exponential_fits"] if one["series"] == "rhythms")
+    assert "Tissue breathing: `rhythms` stays within 1.5 times its error at 0 ms up to 100 ms." in findings.sentences
+    assert any(said.startswith("At 630 ms, the delay of Radixact, `rhythms` leaves 3.73 mm") for said in findings.sentences)
+    assert "simulation and theory of delay and gain differ by at most 0.0 %" in findings.sentences[-1]
     assert (fit["a_mm"], fit["b_per_s"], fit["r_squared"]) == pytest.approx((0.3, 4.0, 1.0))
 
 

@@ -4,11 +4,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
-from laploop.studies.sweeps.analysis import Findings, analyse_generally
+from laploop.studies.sweeps.analyses import generic
+from laploop.studies.sweeps.analyses.findings import Findings
+from laploop.studies.sweeps.analyses.shapley import shapley_values
+from laploop.studies.sweeps.analyses.wording import listed, quantity, spread
 from laploop.studies.sweeps.bootstrap import Estimate, estimate
 from laploop.studies.sweeps.chart import Chart, Series
 from laploop.studies.sweeps.run import Outcome
-from laploop.studies.sweeps.shapley import shapley_values
 from laploop.studies.sweeps.sweep import Sweep
 from laploop.studies.sweeps.tick_metrics import METRICS
 
@@ -19,14 +21,15 @@ def analyse(sweep: Sweep, outcomes: Sequence[Outcome]) -> Findings:
     """Return a budget and its waterfall for each part and metric; the generic charts for a sweep without switches."""
     budgets = [
         budget
-        for group in sweep.groups()
-        for metric in sweep.metrics_of(group)
-        if (budget := budget_of([one for one in outcomes if one.condition.group == group], metric)) is not None
+        for part in generic.parts_of(sweep, outcomes)
+        for metric in sweep.metrics_of(part[0].condition.group)
+        if (budget := budget_of(part, metric)) is not None
     ]
     if not budgets:
-        return analyse_generally(sweep, outcomes)
+        return generic.analyse(sweep, outcomes)
     charts = tuple(_waterfall(budget) for budget in budgets)
-    return Findings(charts=charts, results={"budgets": budgets}, markdown=_markdown(budgets))
+    sentences = tuple(_sentence(budget) for budget in budgets)
+    return Findings(charts=charts, results={"budgets": budgets}, sentences=sentences, markdown=_markdown(budgets))
 
 
 def budget_of(part: Sequence[Outcome], metric: str) -> dict[str, Any] | None:
@@ -60,6 +63,19 @@ def budget_of(part: Sequence[Outcome], metric: str) -> dict[str, Any] | None:
 
 def _as_dict(found: Estimate | None) -> dict[str, Any]:
     return {} if found is None else asdict(found)
+
+
+def _sentence(budget: Mapping[str, Any]) -> str:
+    """Say where the budget goes: to causes whose interval leaves out 0, the largest first."""
+    what, unit = quantity(METRICS[budget["metric"]])
+    causes = sorted(budget["causes"].items(), key=lambda item: -item[1]["mean"])
+    sure = [(cause, found) for cause, found in causes if found["low"] > 0.0 or found["high"] < 0.0]
+    others = [cause for cause, _ in causes if cause not in dict(sure)]
+    ends = f"{budget['ideal']['mean']:.3g}{unit} with all causes ideal, {budget['real']['mean']:.3g}{unit} with all real"
+    parts = [f"{cause} adds {found['mean']:+.3g}{unit}" for cause, found in sure]
+    unsure = f" {listed(others)}: no part that is sure.".capitalize() if others else ""
+    subject = ": ".join(filter(None, (budget["part"], what)))
+    return f"{subject[0].upper()}{subject[1:]} is {ends}; {listed(parts) or 'no cause has a part that is sure'}.{unsure}"
 
 
 def _waterfall(budget: Mapping[str, Any]) -> Chart:
@@ -103,6 +119,6 @@ def _markdown(budgets: Sequence[Mapping[str, Any]]) -> str:
     ]
     for one in budgets:
         cells = [one["ideal"], *(one["causes"].get(cause) for cause in causes), one["real"]]
-        shown = ["" if not cell else f"{cell['mean']:.3g} [{cell['low']:.3g}, {cell['high']:.3g}]" for cell in cells]
+        shown = ["" if not cell else spread(Estimate(**cell)) for cell in cells]
         lines.append(f"| {one['part']} | {one['metric']} | {' | '.join(shown)} | {one['seeds']} |")
     return "\n".join(lines)

@@ -11,10 +11,12 @@ from laploop.configuration import from_plain, merged, to_plain
 from laploop.control.controllers.track import TrackControllerConfig
 from laploop.envs.episode_config import EpisodeConfig
 from laploop.envs.loop.timing.latency import MeasuredLatency
-from laploop.studies.sweeps.analysis import Findings, analyse_generally, lines_over, metric_chart, numeric_axis
+from laploop.studies.sweeps.analyses import generic
+from laploop.studies.sweeps.analyses.delay_theory import Sine, following_rms_m, pure_delay_rms_m
+from laploop.studies.sweeps.analyses.findings import Findings
+from laploop.studies.sweeps.analyses.wording import listed
 from laploop.studies.sweeps.bootstrap import estimate
 from laploop.studies.sweeps.chart import Chart, Series
-from laploop.studies.sweeps.delay_theory import Sine, following_rms_m, pure_delay_rms_m
 from laploop.studies.sweeps.run import Outcome
 from laploop.studies.sweeps.sweep import Sweep
 
@@ -22,28 +24,46 @@ LATENCY = "loop.timing.pipeline.latency_ms"
 METRIC = "total_rms_mm"
 """Along the normal and across it together: the tissue moves along the stage's axis, whatever way its surface leans."""
 
+STILL_GOOD = 1.5
+"""A predictor holds as long as the error is at most this many times that without latency."""
+
+_TOLD_MS = (0.0, 100.0, 200.0, 500.0, 1000.0)
+"""Latencies whose errors are put in words."""
+
+_RADIXACT_MS, _RADIXACT_MM = 630.0, 0.76
+"""Delay of a radiotherapy system that follows breathing, and its RMS error with prediction (PMC12956478)."""
+
+_TISSUE = {"still": "still", "breathing": "breathing", "beating": "beating", "both": "breathing and beating"}
+
 
 def analyse(sweep: Sweep, outcomes: Sequence[Outcome]) -> Findings:
     """Return the charts of every part; over latency with theory, and its fit by an exponential."""
     charts: list[Chart] = []
     compared: list[dict[str, Any]] = []
     fits: list[dict[str, Any]] = []
-    for group in sweep.groups():
-        part = [one for one in outcomes if one.condition.group == group]
-        if numeric_axis(part) == LATENCY:
+    sentences: list[str] = []
+    for part in generic.parts_of(sweep, outcomes):
+        said = [line for one in part if (line := _compared(one)) is not None]
+        compared += said
+        if generic.numeric_axis(part) == LATENCY:
             for motion in dict.fromkeys(str(one.condition.episode.motion_name()) for one in part):
                 moved = [one for one in part if one.condition.episode.motion_name() == motion]
-                charts.append(_with_theory(moved, motion))
-                fits += [
-                    {"motion": motion, "series": line.name, **fit} for line in _lines(moved) if (fit := _exponential(line))
-                ]
-        elif (chart := metric_chart(part, METRIC)) is not None:
-            charts.append(chart)
-        compared += [line for one in part if (line := _compared(one)) is not None]
+                lines = _lines(moved)
+                charts.append(_with_theory(moved, lines, motion))
+                fits += [{"motion": motion, "series": line.name, **fit} for line in lines if (fit := _exponential(line))]
+                sentences += [sentence for line in lines for sentence in _cost(line, _TISSUE[motion])]
+            sentences += _agreement(said)
+        else:
+            if (chart := generic.metric_chart(sweep, part, METRIC)) is not None:
+                charts.append(chart)
+            sentences += generic.changes(sweep, part, METRIC)
     if not charts:
-        return analyse_generally(sweep, outcomes)
+        return generic.analyse(sweep, outcomes)
     return Findings(
-        charts=tuple(charts), results={"theory": compared, "exponential_fits": fits}, markdown=_markdown(compared, fits)
+        charts=tuple(charts),
+        results={"theory": compared, "exponential_fits": fits},
+        sentences=tuple(sentences),
+        markdown=_markdown(compared, fits),
     )
 
 
@@ -88,8 +108,7 @@ def motion_sines(episode: EpisodeConfig) -> list[Sine]:
     return [wave for wave in waves if wave[0] > 0.0]
 
 
-def _with_theory(part: Sequence[Outcome], motion: str) -> Chart:
-    lines = list(_lines(part))
+def _with_theory(part: Sequence[Outcome], lines: Sequence[Series], motion: str) -> Chart:
     points = {float(one.condition.values[LATENCY]): said for one in part if (said := theory(one.condition.episode)) is not None}
     delays = sorted(points)
     theories = tuple(
@@ -99,7 +118,7 @@ def _with_theory(part: Sequence[Outcome], motion: str) -> Chart:
     held = [line for line in lines if line.name == "none"]
     return Chart(
         name=f"latency-{motion}",
-        title=f"RMS error against latency, tissue {'breathing and beating' if motion == 'both' else motion}",
+        title=f"RMS error against latency, tissue {_TISSUE[motion]}",
         x_label="latency from capture to use [ms]",
         y_label="RMS error at the tool tip [mm]",
         series=(*(line for line in lines if line not in held), *held, *(theories if points else ())),
@@ -111,8 +130,38 @@ def _with_theory(part: Sequence[Outcome], motion: str) -> Chart:
 def _lines(part: Sequence[Outcome]) -> list[Series]:
     """Return a series a predictor; the motion is the chart's."""
     motion = part[0].condition.episode.motion_name()
-    lines = lines_over(part, LATENCY, METRIC)
+    lines = generic.lines_over(part, LATENCY, METRIC)
     return [replace(line, name=line.name.removesuffix(f", {motion}")) for line in lines if line.y]
+
+
+def _cost(line: Series, tissue: str) -> list[str]:
+    """Say what latency costs with a predictor, and how far the predictor helps."""
+    error_mm = {float(x): y for x, y in zip(line.x, line.y, strict=True)}
+    told = [f"{error_mm[latency]:.3g} mm at {latency:g} ms" for latency in _TOLD_MS if latency in error_mm]
+    how = "without prediction" if line.name == "none" else f"with `{line.name}`"
+    sentences = [f"Tissue {tissue}, {how}: RMS error {listed(told)}."]
+    if line.name == "none" or 0.0 not in error_mm:
+        return sentences
+    held = 0.0
+    for latency in sorted(error_mm):
+        if error_mm[latency] > STILL_GOOD * error_mm[0.0]:
+            break
+        held = latency
+    sentences.append(f"Tissue {tissue}: `{line.name}` stays within {STILL_GOOD:g} times its error at 0 ms up to {held:g} ms.")
+    if _RADIXACT_MS in error_mm and tissue == "breathing":
+        sentences.append(
+            f"At {_RADIXACT_MS:g} ms, the delay of Radixact, `{line.name}` leaves {error_mm[_RADIXACT_MS]:.3g} mm of a sine's "
+            f"motion; Radixact states {_RADIXACT_MM:g} mm with prediction, of patients, whose breathing is no sine."
+        )
+    return sentences
+
+
+def _agreement(compared: Sequence[Mapping[str, Any]]) -> list[str]:
+    if not compared:
+        return []
+    furthest = max(compared, key=lambda one: abs(one["ratio"] - 1.0))
+    apart = f"{100 * abs(furthest['ratio'] - 1.0):.1f} % ({furthest['condition']})"
+    return [f"Without prediction, simulation and theory of delay and gain differ by at most {apart}."]
 
 
 def _compared(one: Outcome) -> dict[str, Any] | None:

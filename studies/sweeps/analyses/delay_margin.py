@@ -6,10 +6,12 @@ from itertools import pairwise
 from typing import Any
 
 from laploop.envs.episode_config import EpisodeConfig
-from laploop.studies.sweeps.analysis import Findings, metric_chart, numeric_axis
+from laploop.studies.sweeps.analyses import generic
+from laploop.studies.sweeps.analyses.delay_theory import border_gain_per_s, overshoot_percent
+from laploop.studies.sweeps.analyses.findings import Findings
+from laploop.studies.sweeps.analyses.wording import listed
 from laploop.studies.sweeps.bootstrap import estimate
 from laploop.studies.sweeps.chart import Chart, Series
-from laploop.studies.sweeps.delay_theory import border_gain_per_s, overshoot_percent
 from laploop.studies.sweeps.run import Outcome
 from laploop.studies.sweeps.sweep import Sweep
 
@@ -24,10 +26,11 @@ def analyse(sweep: Sweep, outcomes: Sequence[Outcome]) -> Findings:
     charts: list[Chart | None] = []
     borders: list[dict[str, Any]] = []
     overshoots: list[dict[str, Any]] = []
-    for group in sweep.groups():
-        part = [one for one in outcomes if one.condition.group == group]
-        if numeric_axis(part) != GAIN:
-            charts.append(metric_chart(part, "total_rms_mm"))
+    sentences: list[str] = []
+    for part in generic.parts_of(sweep, outcomes):
+        if generic.numeric_axis(part) != GAIN:
+            charts.append(generic.metric_chart(sweep, part, "total_rms_mm"))
+            sentences += generic.changes(sweep, part, "total_rms_mm")
         elif max(gain_delay(one.condition.episode) for one in part) <= _LARGEST_SMOOTH:
             found = [_overshoot(one) for one in part]
             overshoots += found
@@ -37,7 +40,8 @@ def analyse(sweep: Sweep, outcomes: Sequence[Outcome]) -> Findings:
             charts.append(_growth_chart(part, border))
     kept = tuple(chart for chart in charts if chart is not None)
     results = {"borders": borders, "overshoots": overshoots}
-    return Findings(charts=kept, results=results, markdown=_markdown(borders, overshoots))
+    said = (*_border_sentences(borders), *_overshoot_sentences(overshoots), *sentences)
+    return Findings(charts=kept, results=results, sentences=said, markdown=_markdown(borders, overshoots))
 
 
 def frame_delay(episode: EpisodeConfig) -> tuple[float, float]:
@@ -88,6 +92,25 @@ def _overshoot(one: Outcome) -> dict[str, Any]:
         "measured_percent": None if found is None else asdict(found),
         "theory_percent": overshoot_percent(product),
     }
+
+
+def _border_sentences(borders: Sequence[Mapping[str, Any]]) -> list[str]:
+    known = [one for one in borders if one["ratio"] is not None]
+    if not known:
+        return []
+    frames = listed([f"{one['delay_frames']:.0f}" for one in known])
+    gains = listed([f"{one['measured_per_s']['mean']:.1f}" for one in known])
+    apart = max(abs(one["ratio"] - 1.0) for one in known)
+    border = f"Frames {frames} periods late, the servo becomes unstable at a gain of {gains} per second"
+    return [f"{border}, within {100 * apart:.1f} % of theory."]
+
+
+def _overshoot_sentences(overshoots: Sequence[Mapping[str, Any]]) -> list[str]:
+    known = [one for one in overshoots if one["measured_percent"] is not None]
+    if not known:
+        return []
+    furthest = max(abs(one["measured_percent"]["mean"] - one["theory_percent"]) for one in known)
+    return [f"Overshoot is within {furthest:.1f} points of theory at every product of gain and delay."]
 
 
 def _growth_chart(part: Sequence[Outcome], border: Mapping[str, Any]) -> Chart:

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from laploop.studies.sweeps.delay_margin import crossing
-from laploop.studies.sweeps.delay_theory import border_gain_per_s, following_rms_m, overshoot_percent, pure_delay_rms_m
+from laploop.studies.sweeps.analyses.delay_margin import crossing
+from laploop.studies.sweeps.analyses.delay_theory import border_gain_per_s, following_rms_m, overshoot_percent, pure_delay_rms_m
 
 
 def test_a_delayed_sine_differs_by_twice_the_sine_of_half_the_phase():

@@ -3,11 +3,11 @@ import pytest
 
 from laploop.errors import SimulationError
 from laploop.studies.episodes.trials import failed_row
-from laploop.studies.sweeps.analysis import analyse
+from laploop.studies.sweeps.analyses.error_budget import budget_of
+from laploop.studies.sweeps.analyses.findings import analyse
+from laploop.studies.sweeps.analyses.shapley import shapley_values
 from laploop.studies.sweeps.engine import Engine
-from laploop.studies.sweeps.error_budget import budget_of
 from laploop.studies.sweeps.run import run_sweep
-from laploop.studies.sweeps.shapley import shapley_values
 from laploop.studies.sweeps.sweep_file import read_sweep
 
 CAUSES = """
@@ -64,6 +64,9 @@ def test_parts_add_up_and_interactions_are_shared(budget):
     last = chart.series[0].base[-2] + chart.series[0].y[-2]
     assert last == pytest.approx(chart.series[0].y[-1])
     assert "| total_rms_mm |" in findings.markdown
+    (said,) = findings.sentences
+    assert said.startswith("RMS error is 1 mm with all causes ideal, ")
+    assert "latency adds +2.5 mm" in said
 
 
 def test_a_cause_that_is_off_at_its_source_has_no_part(budget):
