@@ -67,7 +67,7 @@ def run_page(page: Path, folder: Path) -> Iterator[tuple[Block, str, str | None]
         if block.language not in RUN:
             continue
         said = after.text if after is not None and after.language == OUTPUT else None
-        yield block, _run(block, f"{page.name}:{block.line}", namespace, folder), said
+        yield block, run_block(block, f"{page.name}:{block.line}", namespace, folder), said
 
 
 def difference(said: str, printed: str) -> str | None:
@@ -94,7 +94,12 @@ def _near(said: str, printed: str) -> bool:
     return abs(float(said) - float(printed)) <= max(1.001 * unit, _RELATIVE * abs(float(said)))
 
 
-def _run(block: Block, place: str, namespace: dict[str, Any], folder: Path) -> str:
+def run_block(block: Block, place: str, namespace: dict[str, Any], folder: Path) -> str:
+    """Run a block in a folder and return what it printed; `place` is what errors call it.
+
+    Raises:
+        subprocess.CalledProcessError: If a shell block fails. A Python block raises what it raises.
+    """
     if block.file is not None:
         (folder / block.file).write_text(block.text, encoding="utf-8")
         return ""

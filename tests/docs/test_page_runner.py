@@ -6,7 +6,7 @@ import pytest
 from page_runner import blocks_of, difference, run_page
 
 TUTORIALS = Path(__file__).parents[2] / "docs" / "tutorials"
-QUICK = {"own_controller", "own_estimator"}
+QUICK = {"own_controller"}
 """The others take minutes."""
 
 PAGE = """# Page
