@@ -7,11 +7,11 @@ import numpy as np
 
 from laploop.arrays import Array
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
-from laploop.assets.anatomy.bowel import bowel_tubes
 from laploop.assets.anatomy.distance_grid import DistanceGrid, rounded_box
-from laploop.assets.anatomy.lobes import lobe_spheres
-from laploop.assets.anatomy.sacs import sac
-from laploop.assets.anatomy.stomach import stomach_axis
+from laploop.assets.anatomy.families.bowel import bowel_tubes
+from laploop.assets.anatomy.families.lobes import lobe_spheres
+from laploop.assets.anatomy.families.sacs import sac
+from laploop.assets.anatomy.families.stomach import stomach_axis
 from laploop.errors import UnknownNameError
 
 _SPACING_M = 1.9e-3

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.assets.anatomy.families import FAMILIES, TISSUE_FAMILY
+from laploop.assets.anatomy.families.registry import FAMILIES, TISSUE_FAMILY
 from laploop.assets.anatomy.textures import OWN_TEXTURE, TEXTURES
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError

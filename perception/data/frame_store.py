@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from laploop.assets.anatomy.families import TISSUE_FAMILY
+from laploop.assets.anatomy.families.registry import TISSUE_FAMILY
 from laploop.assets.anatomy.textures import OWN_TEXTURE
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.configuration import from_plain, to_plain

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh, joined
-from laploop.assets.anatomy.families import family_named
+from laploop.assets.anatomy.families.registry import family_named
+from laploop.assets.anatomy.families.walls import back_wall
 from laploop.assets.anatomy.textures import texture_named
-from laploop.assets.anatomy.walls import back_wall
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.tracing import primitives
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry

@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from laploop.assets.anatomy.families import FAMILIES, TISSUE_FAMILY, Family, family_named, family_names
+from laploop.assets.anatomy.families.registry import FAMILIES, TISSUE_FAMILY, Family, family_named, family_names
 from laploop.assets.anatomy.textures import OWN_TEXTURE, TEXTURES, Texture
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.tissue_appearance import AppearanceRanges, TissueAppearance, draw_appearance

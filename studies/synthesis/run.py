@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from laploop.assets.anatomy.distance_grid import require_scikit_image
-from laploop.assets.anatomy.families import TISSUE_FAMILY
+from laploop.assets.anatomy.families.registry import TISSUE_FAMILY
 from laploop.assets.shafts import INSTRUMENT
 from laploop.assets.tissue_config import TissueConfig
 from laploop.envs.sensors.stripe_camera import StripeCamera

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from laploop.assets.anatomy.families import FAMILIES
+from laploop.assets.anatomy.families.registry import FAMILIES
 from laploop.assets.anatomy.textures import TEXTURES
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.envs.sensors.stripe_camera import StripeCamera

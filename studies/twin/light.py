@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from laploop.arrays import Array
 from laploop.assets.anatomy.anatomy_mesh import AnatomyMesh
-from laploop.assets.anatomy.families import family_named
+from laploop.assets.anatomy.families.registry import family_named
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.optics.camera_response import CameraResponse

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from laploop.assets.anatomy.distance_grid import DistanceGrid
-from laploop.assets.anatomy.families import FAMILIES, family_named, family_names
+from laploop.assets.anatomy.families.registry import FAMILIES, family_named, family_names
 from laploop.errors import InvalidValueError, UnknownNameError
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from laploop.assets.anatomy.anatomy_mesh import vertex_normals
+from laploop.assets.anatomy.families.walls import wall
 from laploop.assets.anatomy.textures import BRIGHTEST, DARKEST, TEXTURES, texture_named, texture_names
-from laploop.assets.anatomy.walls import wall
 from laploop.errors import UnknownNameError
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from laploop.assets.anatomy.families import family_names
+from laploop.assets.anatomy.families.registry import family_names
 from laploop.assets.anatomy.textures import texture_names
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask

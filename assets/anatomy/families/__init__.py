@@ -1,0 +1,1 @@
+"""The families of anatomy, a builder a module."""
