@@ -136,7 +136,7 @@ def _lines(part: Sequence[Outcome]) -> list[Series]:
 
 def _cost(line: Series, tissue: str) -> list[str]:
     """Say what latency costs with a predictor, and how far the predictor helps."""
-    error_mm = {float(x): y for x, y in zip(line.x, line.y, strict=True)}
+    error_mm = dict(zip([float(x) for x in line.x], line.y, strict=True))
     told = [f"{error_mm[latency]:.3g} mm at {latency:g} ms" for latency in _TOLD_MS if latency in error_mm]
     how = "without prediction" if line.name == "none" else f"with `{line.name}`"
     sentences = [f"Tissue {tissue}, {how}: RMS error {listed(told)}."]
