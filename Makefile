@@ -7,13 +7,14 @@ DEV := $(VENV)/.dev
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
 SEED ?= 0
 
-.PHONY: demo test test-slow lint types floors pytest docs docs-gallery package bench results studies baselines clean help
+.PHONY: demo test test-slow lint types floors pytest docs docs-gallery links package bench results studies baselines clean help
 
 help:
 	@echo "make demo       run the closed loop on breathing tissue; results in runs/demo"
 	@echo "make test       everything that gates a change"
 	@echo "make test-slow  the long tests"
 	@echo "make docs       build the documentation's site into build/docs"
+	@echo "make links      check the documentation's links to other sites"
 	@echo "make package    build sdist and wheel, and try them in an empty environment"
 	@echo "make bench      measure every stage; results in runs/bench"
 	@echo "make results    measure the committed results anew"
@@ -59,6 +60,10 @@ docs: $(DEV)
 # The same site with the examples run, so that it shows what they print and draw.
 docs-gallery: $(DEV)
 	$(SPHINX) -D plot_gallery=1 -b html docs build/docs
+
+# Asks other machines, so it is no part of the gate, which checks the links within the documentation.
+links: $(DEV)
+	$(SPHINX) -b linkcheck docs build/links
 
 package: $(DEV)
 	$(BIN)/pytest -m slow --timeout 3600 tests/test_package.py

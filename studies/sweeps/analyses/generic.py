@@ -65,33 +65,38 @@ def lines_over(part: Sequence[Outcome], axis: str, metric: str) -> list[Series]:
 
 
 def changes(sweep: Sweep, part: Sequence[Outcome], metric: str) -> list[str]:
-    """Return a sentence for each set of the other values, of the metric at both ends of the part's axis of numbers."""
+    """Say how a metric changes, a sentence a line: between the ends of an axis of numbers, or from its first name to others."""
     axis = numeric_axis(part)
-    if axis is None:
+    compared = axis or next(iter(part[0].condition.values), None)
+    if compared is None:
         return []
-    (what, unit), (name, axis_unit) = quantity(METRICS[metric]), quantity(sweep.label(axis))
+    what, unit = quantity(METRICS[metric])
+    name, axis_unit = quantity(sweep.label(compared))
     sentences = []
-    for others, line in _lines(part, axis).items():
-        first, last = line[0], line[-1]
-        before, after = estimate(first.values(metric)), estimate(last.values(metric))
-        apart = difference(last.values(metric), first.values(metric), paired=sweep.pairing == "same-seeds")
-        if before is None or after is None or apart is None or first is last:
-            continue
-        ends = " to ".join(f"{float(one.condition.values[axis]):g}" for one in (first, last))
+    for others, (first, *rest) in _lines(part, compared).items():
         about = ", ".join(filter(None, (part[0].condition.group, others)))
-        sentences.append(
-            f"{about}: with {name} from {ends}{axis_unit}, the {what} goes from {before.mean:.3g} to {after.mean:.3g}{unit}, "
-            f"a difference of {spread(apart, sign='+')}."
-        )
+        for last in rest if axis is None else rest[-1:]:
+            before, after = estimate(first.values(metric)), estimate(last.values(metric))
+            apart = difference(last.values(metric), first.values(metric), paired=sweep.pairing == "same-seeds")
+            if before is None or after is None or apart is None:
+                continue
+            start, end = (shown(one.condition.values[compared]) for one in (first, last))
+            way = f"{name} from {start} to {end}{axis_unit}" if axis else f"{end} in place of {start}"
+            sentences.append(
+                f"{about}: with {way}, the {what} goes from {before.mean:.3g} to {after.mean:.3g}{unit}, "
+                f"a difference of {spread(apart, sign='+')}."
+            )
     return [sentence[0].upper() + sentence[1:] for sentence in sentences]
 
 
 def _lines(part: Sequence[Outcome], axis: str) -> dict[str, list[Outcome]]:
-    """Return the outcomes of each set of the other values, by name, sorted along the axis."""
+    """Return the outcomes of each set of the other values, by name, sorted along an axis of numbers."""
     lines: dict[str, list[Outcome]] = {}
     for one in part:
         others = _short({name: value for name, value in one.condition.values.items() if name != axis})
         lines.setdefault(others, []).append(one)
+    if axis != numeric_axis(part):
+        return lines
     return {name: sorted(line, key=lambda one: float(one.condition.values[axis])) for name, line in lines.items()}
 
 
