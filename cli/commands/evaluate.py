@@ -65,6 +65,7 @@ def main(arguments: Sequence[str]) -> int:
             "error_budget": found.error_budget(),
             "rows": found.flat_rows(),
             "families": found.flat_family_rows(),
+            "textures": found.flat_texture_rows(),
             "reliability": found.reliability_rows(),
         }
         if chosen.robustness:

@@ -84,8 +84,8 @@ class SslePhaseConfig(NetworkConfig):
     """Sizes of `ssle-phase`."""
 
     form: ClassVar[str] = "laploop-ssle-phase-3"
-    reader: CompactConfig = CompactConfig(widths=(16, 48, 64, 96, 128))
-    """The first part; the shipped weights have one that is narrower than `compact`."""
+    reader: CompactConfig = CompactConfig()
+    """The first part."""
     refiner_widths: tuple[Channels, ...] = (48, 64, 96, 128, 160)
     """Channels of each level of the refiner, from half the image's size down by powers of two."""
 

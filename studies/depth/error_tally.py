@@ -15,10 +15,11 @@ SETS = ("every", "valid", "lit")
 
 @dataclass(frozen=True, kw_only=True)
 class FrameGroup:
-    """Frames that share lines of the table: all, a bin of working distance, or a family."""
+    """Frames that share lines of the table: all, a bin of working distance, a family, or a texture."""
 
     working_distance_mm: str = "all"
     family: str = "all"
+    texture: str = "all"
 
 
 class ErrorTally:
@@ -64,6 +65,7 @@ class ErrorTally:
                     against=against,
                     working_distance_mm=group.working_distance_mm,
                     family=group.family,
+                    texture=group.texture,
                     frames=int(self._frames[place]),
                     valid_fraction=valid.pixels / max(1.0, counted[place]),
                     every=every,

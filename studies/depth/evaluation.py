@@ -91,8 +91,9 @@ def evaluate_depth(
         config=chosen,
         tissues=len(evaluation.tissues),
         frames=len(indices),
-        rows=tuple(row for row in rows if row.family == "all"),
+        rows=tuple(row for row in rows if row.family == row.texture == "all"),
         family_rows=tuple(row for row in rows if row.family != "all"),
+        texture_rows=tuple(row for row in rows if row.texture != "all"),
         reliability=evaluation.reliability,
         median_ms={name: float(np.median(times)) for name, times in evaluation.times_ms.items()},
         examples=tuple(evaluation.examples),
@@ -127,13 +128,15 @@ class _Evaluation:
         self._data, self._config = data, config
         self.tissues, tissue = np.unique(data.tissue_seed[indices], return_inverse=True)
         self._tissue = dict(zip(map(int, indices), map(int, tissue), strict=True))
-        families = sorted({data.family(int(index)) for index in indices})
-        # One family alone would only repeat the lines of all frames.
-        self._families = families if len(families) > 1 else []
         bins = ["all", *(f"{low:g}-{high:g}" for low, high in pairwise(config.bins_mm))]
-        groups = [FrameGroup(working_distance_mm=name) for name in bins]
-        self._first_family = len(groups)
-        self._tally = ErrorTally([*groups, *(FrameGroup(family=name) for name in self._families)], len(self.tissues))
+        self._bins = len(bins)
+        families = sorted({data.family(int(index)) for index in indices})
+        textures = sorted({data.texture(int(index)) for index in indices})
+        # One alone would only repeat the lines of all frames.
+        self._named = [FrameGroup(family=name) for name in families if len(families) > 1]
+        self._named += [FrameGroup(texture=name) for name in textures if len(textures) > 1]
+        groups = [*(FrameGroup(working_distance_mm=name) for name in bins), *self._named]
+        self._tally = ErrorTally(groups, len(self.tissues))
         self._floors: dict[Rig, CramerRaoBound] = {}
         self.times_ms: dict[str, list[float]] = {}
         self.examples: list[DepthExample] = []
@@ -176,7 +179,7 @@ class _Evaluation:
                 )
 
     def rows(self) -> list[DepthRow]:
-        """Return the lines of the table, those of families too."""
+        """Return the lines of the table, those of families and textures too."""
         config = self._config
         return list(
             self._tally.rows(seed=config.bootstrap_seed, resamples=config.resamples, note=lambda model: _note(model, config))
@@ -185,10 +188,10 @@ class _Evaluation:
     def _places(self, index: int, working_distance_mm: float) -> list[int]:
         """Return the groups of frames that a frame belongs to."""
         place = int(np.searchsorted(self._config.bins_mm, working_distance_mm, side="right"))
-        places = [0, place] if 1 <= place < self._first_family else [0]
-        if self._families:
-            places.append(self._first_family + self._families.index(self._data.family(index)))
-        return places
+        places = [0, place] if 1 <= place < self._bins else [0]
+        family, texture = self._data.family(index), self._data.texture(index)
+        shown = (group.family == family or group.texture == texture for group in self._named)
+        return [*places, *(number for number, one in enumerate(shown, self._bins) if one)]
 
     def _truths(self, index: int, exact: NDArray[np.float32] | None) -> Iterator[_Truth]:
         wanted, config = _SETS[self._config.against], self._config

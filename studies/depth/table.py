@@ -51,6 +51,8 @@ class DepthRow:
     lit_interval: MetricsInterval
     family: str = "all"
     """A family of shapes, or `all`."""
+    texture: str = "all"
+    """A kind of texture, or `all`."""
     note: str = ""
     """Remark on this line."""
 
@@ -71,7 +73,7 @@ class DepthRow:
         line.update(_with_interval("valid_", self.valid, self.valid_interval))
         line["lit_share"] = self.lit_fraction
         line.update(_with_interval("lit_", self.lit, self.lit_interval))
-        line["family"] = self.family
+        line["family"], line["texture"] = self.family, self.texture
         line["note"] = self.note
         # A bin without pixels has no error.
         return {name: _known(value) if isinstance(value, float) else value for name, value in line.items()}
@@ -108,6 +110,8 @@ class DepthTable:
     examples: tuple[DepthExample, ...] = ()
     family_rows: tuple[DepthRow, ...] = ()
     """Lines of the families of shapes, where the data set has more than one."""
+    texture_rows: tuple[DepthRow, ...] = ()
+    """Lines of the kinds of texture, where the data set has more than one."""
     reliability: Mapping[tuple[str, str], ReliabilityErrors] = field(default_factory=dict)
     """By model and truth, of the models that have a confidence."""
 
@@ -134,6 +138,10 @@ class DepthTable:
     def flat_family_rows(self) -> list[dict[str, object]]:
         """Return the lines of the families as flat dictionaries."""
         return [row.flat() for row in self.family_rows]
+
+    def flat_texture_rows(self) -> list[dict[str, object]]:
+        """Return the lines of the textures as flat dictionaries."""
+        return [row.flat() for row in self.texture_rows]
 
     def reliability_rows(self) -> list[dict[str, object]]:
         """Return for each model with a confidence, and each truth, what `perception/reliability.py` measures.

@@ -28,6 +28,7 @@ def write_table(table: DepthTable, out: Path) -> None:
         "error_budget": table.error_budget(),
         "rows": rows,
         "families": table.flat_family_rows(),
+        "textures": table.flat_texture_rows(),
         "reliability": table.reliability_rows(),
     }
     texts = {
@@ -65,8 +66,9 @@ def markdown_table(table: DepthTable) -> str:
         sections.append(_more_table(whole))
         sections.append("By working distance (median depth of a frame):\n")
         sections.append(_bins_table(bins))
-        if families := [row for row in table.family_rows if row.against == against]:
-            sections += ["By family of shapes:\n", _bins_table(families)]
+        for title, named in (("By family of shapes", table.family_rows), ("By texture", table.texture_rows)):
+            if chosen := [row for row in named if row.against == against]:
+                sections += [f"{title}:\n", _bins_table(chosen)]
     budget = table.error_budget()
     if budget is not None:
         sections.append(_budget_text(budget))
@@ -120,7 +122,7 @@ def _more_table(rows: Sequence[DepthRow]) -> str:
 
 
 def _group(row: DepthRow) -> str:
-    return row.working_distance_mm if row.family == "all" else row.family
+    return next((name for name in (row.family, row.texture) if name != "all"), row.working_distance_mm)
 
 
 def _reliability_text(rows: Sequence[Mapping[str, Any]]) -> str:

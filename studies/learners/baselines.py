@@ -12,12 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 
 from laploop.errors import UnknownNameError, WorkerError
 from laploop.studies.episodes.trials import wilson_interval
 from laploop.studies.learners.curve import CURVE, read_curve
-from laploop.studies.learners.evaluation import RESULT
+from laploop.studies.learners.evaluation import RESULT, Training, evaluate, write_result
 from laploop.studies.sweeps.bootstrap import Estimate, estimate
 from laploop.whole_file import whole_file
 
@@ -46,12 +47,14 @@ class Method:
 
     script: str
     arguments: tuple[str, ...] = ()
+    tried_in_full: bool = False
+    """Whether its policy, which learns in `fast`, is evaluated in `full` as well; one of stable-baselines3 it must be."""
 
 
 METHODS: Mapping[str, Method] = {
-    "ppo": Method(script="ppo.py"),
-    "sac": Method(script="sac.py"),
-    "tqc": Method(script="tqc.py"),
+    "ppo": Method(script="ppo.py", tried_in_full=True),
+    "sac": Method(script="sac.py", tried_in_full=True),
+    "tqc": Method(script="tqc.py", tried_in_full=True),
     "cloning": Method(script="behaviour_cloning.py"),
     "residual": Method(script="residual_rl.py"),
     "naive": Method(script="delayed_ppo.py", arguments=("--treatment", "naive")),
@@ -73,12 +76,36 @@ def train(name: str, examples: Path, runs: Path, seeds: Iterable[int] = range(SE
     method = METHODS[name]
     for seed in seeds:
         out = runs / f"{name}-{seed}"
-        if (out / RESULT).is_file():
-            continue
-        command = [sys.executable, "-P", str(examples / method.script), *method.arguments]
-        done = subprocess.run([*command, "--seed", str(seed), "--out", str(out)], check=False)  # noqa: S603  our own scripts
-        if done.returncode:
-            raise WorkerError(f"{' '.join(command)} has failed with the exit status {done.returncode}")
+        if not (out / RESULT).is_file():
+            command = [sys.executable, "-P", str(examples / method.script), *method.arguments]
+            done = subprocess.run([*command, "--seed", str(seed), "--out", str(out)], check=False)  # noqa: S603  our own scripts
+            if done.returncode:
+                raise WorkerError(f"{' '.join(command)} has failed with the exit status {done.returncode}")
+        if method.tried_in_full and not (out / "full" / RESULT).is_file():
+            try_in_full(out)
+
+
+def try_in_full(folder: Path) -> None:
+    """Evaluate a policy of stable-baselines3 in the fidelity `full`, on the seeds of its evaluation, into `FOLDER/full`."""
+    from laploop.studies.learners.sb3_policy import load_sb3  # an extra, which the table does without
+
+    result = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+    keywords = {**result["keywords"], "fidelity": "full"}
+    env = gym.make(f"laploop:{result['environment']}", **keywords)
+    policy = load_sb3(folder, env)
+    scores = evaluate(lambda seen: policy.predict(seen, deterministic=True)[0], env, result["evaluation"]["episodes"])
+    env.close()
+    untrained = Training(
+        method=f"{result['method']}, in full",
+        environment=result["environment"],
+        keywords=keywords,
+        seed=result["seed"],
+        steps=0,
+        wall_s=0.0,
+        cpu_s=0.0,
+    )
+    (folder / "full").mkdir(exist_ok=True)
+    write_result(folder / "full", untrained, scores)
 
 
 def collected(runs: Path) -> dict[str, Any]:

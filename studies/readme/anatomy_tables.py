@@ -1,6 +1,6 @@
 """Tables of depth on anatomy, and under light that the stripe camera leaves out."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from laploop.studies.readme.results_tables import shown
@@ -13,14 +13,14 @@ def anatomy_table(known: Mapping[str, Any], held_out: Mapping[str, Any]) -> str:
         "textures that are held out. Lit pixels are those that the projector reaches; a slip is a valid pixel that is more",
         "than a tenth off.",
         "",
-        "| estimator | families | family | frames | MAE, lit pixels | valid | MAE, valid pixels | slips, per 1000 |",
+        "| estimator | set | shape or texture | frames | MAE, lit pixels | valid | MAE, valid pixels | slips, per 1000 |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for model in ("phase", "compact", "ssle-phase"):
         for kind, summary in (("known", known), ("held out", held_out)):
             lines += [
-                f"| {shown(model)} | {kind} | {row['family']} | {_cells(row)} |"
-                for row in (*summary["families"], *_all(summary))
+                f"| {shown(model)} | {kind} | {name} | {_cells(row)} |"
+                for name, row in _named(summary)
                 if row["model"] == model and row["against"] == "exact"
             ]
     return "\n".join(lines)
@@ -45,8 +45,13 @@ def light_table(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _all(summary: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    return [{**row, "family": "all"} for row in summary["rows"] if row["working_distance_mm"] == "all"]
+def _named(summary: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield the lines of families, textures and all frames, with what the table calls them."""
+    for row in summary["families"]:
+        yield row["family"], row
+    for row in summary["textures"]:
+        yield f"texture {row['texture']}", row
+    yield from (("all", row) for row in summary["rows"] if row["working_distance_mm"] == "all")
 
 
 def _cells(row: Mapping[str, Any]) -> str:

@@ -119,6 +119,18 @@ def test_families_have_lines_where_there_are_several(dataset, stepwise, tmp_path
     assert "By family of shapes" in (tmp_path / "depth.md").read_text()
 
 
+def test_textures_have_lines_where_there_are_several(dataset, stepwise, tmp_path, monkeypatch):
+    one = evaluate_depth(dataset, [stepwise], progress=False, config=BARE)
+    assert one.texture_rows == ()
+    monkeypatch.setattr(FrameStore, "texture", lambda self, index: ("blood", "plain")[index])
+    table = evaluate_depth(dataset, [stepwise], tmp_path, progress=False, config=BARE)
+    assert (table.rows, table.family_rows) == (one.rows, ())
+    assert [(row.texture, row.family, row.frames) for row in table.texture_rows] == [("blood", "all", 1), ("plain", "all", 1)]
+    written = json.loads((tmp_path / "depth.json").read_text())
+    assert [row["texture"] for row in written["textures"]] == ["blood", "plain"]
+    assert "By texture" in (tmp_path / "depth.md").read_text()
+
+
 def test_every_measure_has_its_interval_in_the_flat_lines(dataset, stepwise):
     line = evaluate_depth(dataset, [stepwise], progress=False, config=BARE).flat_rows()[0]
     for prefix in ("", "valid_", "lit_"):

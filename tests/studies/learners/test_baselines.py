@@ -2,13 +2,17 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium as gym
 import pytest
+from stable_baselines3 import PPO
 
 from laploop.errors import InvalidValueError, UnknownNameError, WorkerError
+from laploop.studies.learners import baselines
 from laploop.studies.learners.baselines import METHODS, baselines_table, collected, main, thinned, train
 from laploop.studies.learners.baselines_figure import draw_curves
 from laploop.studies.learners.curve import Curve
-from laploop.studies.learners.evaluation import EpisodeScore, Training, write_result
+from laploop.studies.learners.evaluation import UNSEEN_SEED, EpisodeScore, Training, write_result
+from laploop.studies.learners.sb3_policy import save_sb3
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "learning"
 TRAINING = Training(method="ppo", environment="laploop/Reach-v1", keywords={}, seed=0, steps=40000, wall_s=700.0, cpu_s=600.0)
@@ -21,6 +25,14 @@ def make_run(folder, training, successes):
     for number in range(100):
         curve.add(steps=100 * (number + 1), total_return=number / 100.0, length=100, success=float(number >= 50))
     curve.write()
+
+
+@pytest.fixture(autouse=True)
+def tried(monkeypatch):
+    """Replace the evaluation in `full`; return the folders that were asked for."""
+    asked = []
+    monkeypatch.setattr(baselines, "try_in_full", asked.append)
+    return asked
 
 
 @pytest.fixture
@@ -56,9 +68,11 @@ def test_a_curve_is_thinned_by_means_over_equal_parts(runs):
     assert curve["total_return"][0] == pytest.approx(0.005)
 
 
-def test_a_finished_run_is_not_done_again_and_another_failure_is_told(runs, tmp_path):
+def test_a_finished_run_is_not_done_again_and_another_failure_is_told(runs, tmp_path, tried):
     (tmp_path / "ppo.py").write_text("raise SystemExit(3)")
+    make_run(runs / "ppo-1" / "full", TRAINING, [True])
     train("ppo", tmp_path, runs, seeds=[0, 1])
+    assert tried == [runs / "ppo-0"]
     with pytest.raises(WorkerError, match="exit status 3"):
         train("ppo", tmp_path, runs, seeds=[2])
     with pytest.raises(UnknownNameError, match="ppo"):
@@ -79,3 +93,16 @@ def test_curves_are_drawn(runs, tmp_path):
     assert (tmp_path / "curves.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(InvalidValueError, match="learns"):
         draw_curves({}, tmp_path / "none.png")
+
+
+@pytest.mark.slow  # an episode of 10 s
+def test_a_policy_is_tried_in_full_on_the_seeds_of_its_evaluation(tmp_path, monkeypatch):
+    monkeypatch.undo()
+    env = gym.make("laploop:laploop/Reach-v1", fidelity="fast")
+    save_sb3(PPO("MlpPolicy", env, policy_kwargs={"net_arch": [8]}), tmp_path, {"net_arch": [8]})
+    env.close()
+    write_result(tmp_path, replace(TRAINING, keywords={"fidelity": "fast"}), [SCORE])
+    baselines.try_in_full(tmp_path)
+    tried = json.loads((tmp_path / "full" / "summary.json").read_text())
+    assert (tried["method"], tried["keywords"], tried["steps"]) == ("ppo, in full", {"fidelity": "full"}, 0)
+    assert [row["seed"] for row in tried["rows"]] == [UNSEEN_SEED]
