@@ -52,6 +52,7 @@ def analyse(sweep: Sweep, outcomes: Sequence[Outcome]) -> Findings:
                 charts.append(_with_theory(moved, lines, motion))
                 fits += [{"motion": motion, "series": line.name, **fit} for line in lines if (fit := _exponential(line))]
                 sentences += [sentence for line in lines for sentence in _cost(line, _TISSUE[motion])]
+                sentences += _beside_radixact(lines) if motion == "breathing" else []
             sentences += _agreement(said)
         else:
             if (chart := generic.metric_chart(sweep, part, METRIC)) is not None:
@@ -148,12 +149,19 @@ def _cost(line: Series, tissue: str) -> list[str]:
             break
         held = latency
     sentences.append(f"Tissue {tissue}: `{line.name}` stays within {STILL_GOOD:g} times its error at 0 ms up to {held:g} ms.")
-    if _RADIXACT_MS in error_mm and tissue == "breathing":
-        sentences.append(
-            f"At {_RADIXACT_MS:g} ms, the delay of Radixact, `{line.name}` leaves {error_mm[_RADIXACT_MS]:.3g} mm of a sine's "
-            f"motion; Radixact states {_RADIXACT_MM:g} mm with prediction, of patients, whose breathing is no sine."
-        )
     return sentences
+
+
+def _beside_radixact(lines: Sequence[Series]) -> list[str]:
+    """Say what the best predictor leaves at the delay of a radiotherapy system, beside what that states."""
+    known = {line.name: dict(zip(line.x, line.y, strict=True)).get(_RADIXACT_MS) for line in lines if line.name != "none"}
+    left = {name: float(error_mm) for name, error_mm in known.items() if error_mm is not None}
+    if not left:
+        return []
+    best = min(left, key=left.__getitem__)
+    ours = f"At {_RADIXACT_MS:g} ms, the delay of Radixact, `{best}` leaves {left[best]:.3g} mm of a sine's motion."
+    theirs = f"Radixact states {_RADIXACT_MM:g} mm with prediction, of patients, whose breathing is no sine."
+    return [f"{ours} {theirs}"]
 
 
 def _agreement(compared: Sequence[Mapping[str, Any]]) -> list[str]:
