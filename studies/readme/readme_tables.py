@@ -1,4 +1,4 @@
-"""The README's short tables: one each of depth, loop, latency and speed, with links to the whole."""
+"""The README's short tables: one each of depth, loop, latency, speed and learning, with links to the whole."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -10,23 +10,26 @@ from laploop.studies.readme.summaries import read_summary
 
 NETWORKS = ("compact", "ssle-phase")
 """Those that take any rig."""
+_TOLD_MS = (0, 100, 500)
+"""Latencies whose errors the table has."""
 
 
 def summary_markdown(folder: Path) -> str:
-    """Return the README's short tables for the summaries in `folder`: depth, loop, latency, speed.
+    """Return the README's short tables for the summaries in `folder`: depth, loop, latency, speed, learning.
 
     Raises:
         MissingFileError: If the folder lacks one of them.
     """
     tables = {
-        "Depth": ("depth-against-exact-truth", _depth_summary(folder)),
-        "Loop": ("tasks", _loop_summary(folder)),
-        "Latency": ("tasks", _latency_summary(folder)),
-        "Speed": ("time-of-each-stage", _speed_summary(folder)),
+        "Depth": ("results/README.md#depth-against-exact-truth", _depth_summary(folder)),
+        "Loop": ("results/README.md#tasks", _loop_summary(folder)),
+        "Latency": ("studies/latency.md", _latency_summary(folder)),
+        "Speed": ("results/README.md#time-of-each-stage", _speed_summary(folder)),
+        "Learning": ("baselines.md", _learning_summary(folder)),
     }
     parts = []
-    for name, (anchor, rows) in tables.items():
-        head = f"| [{name}](docs/results/README.md#{anchor}) | |"
+    for name, (page, rows) in tables.items():
+        head = f"| [{name}](docs/{page}) | |"
         parts.append("\n".join([head, "|---|---|", *(f"| {what} | {result} |" for what, result in rows.items())]))
     return "\n\n".join(parts)
 
@@ -52,23 +55,22 @@ def _loop_summary(folder: Path) -> dict[str, str]:
     for campaign, check in (("palpate-still", "force over the last hold time"), ("scan-compact", "RMS of the stand-off")):
         if (line := lines.get(campaign)) is not None:
             rows[line["task"]] = f"{100 * line['success_rate']:.0f} % of {line['episodes']}, {check} {_checked(line, check)}"
-    if (line := lines.get("look")) is not None:
-        rows["look"] = f"{100 * line['success_rate']:.0f} % of {line['episodes']}"
     return rows
 
 
 def _latency_summary(folder: Path) -> dict[str, str]:
+    rows = {}
+    error_mm = {
+        line["condition"]: line["metrics"]["total_rms_mm"]["value"]["mean"]
+        for line in read_summary(folder / "study-latency.json")["conditions"]
+    }
+    for name, what in (("none", "no prediction"), ("rhythms, patient", "predicted")):
+        found = [f"{error_mm[f'latency: latency_ms={late}, prediction={name}, motion=breathing']:.2f}" for late in _TOLD_MS]
+        rows[f"track, exact depth {'/'.join(map(str, _TOLD_MS))} ms late, {what}"] = f"{'/'.join(found)} mm RMS"
     lines = {line["campaign"]: line for line in read_summary(folder / "tasks.json")["campaigns"]}
-    names = {
-        "track-oracle-unpredicted": "track, exact depth, no prediction",
-        "track-oracle": "track, exact depth, prediction",
-        "track-compact": "track, `compact`, prediction",
-    }
-    return {
-        f"{what}, 100 ms late": f"{_checked(lines[campaign], 'RMS error along the normal')} RMS"
-        for campaign, what in names.items()
-        if campaign in lines
-    }
+    if (line := lines.get("track-compact")) is not None:
+        rows["track, `compact` 100 ms late, predicted"] = f"{_checked(line, 'RMS error along the normal')} RMS"
+    return rows
 
 
 def _speed_summary(folder: Path) -> dict[str, str]:
@@ -85,6 +87,16 @@ def _speed_summary(folder: Path) -> dict[str, str]:
             f"{steps[fidelity]['state']['single']:.0f} a second" for fidelity in ("full", "fast")
         ),
     }
+
+
+def _learning_summary(folder: Path) -> dict[str, str]:
+    runs = read_summary(folder / "baselines.json")["runs"].values()
+    successes = [
+        [one for run in runs if run["method"] == method for one in run["episodes"]["success"]]
+        for method in ("ppo", "ppo, in full")
+    ]
+    rates = "/".join(f"{100 * sum(ones) / len(ones):.0f}" for ones in successes if ones)
+    return {"PPO on states, reach in `fast`/`full`": f"{rates} % of {len(successes[0])} unseen episodes"}
 
 
 def _checked(line: Mapping[str, Any], name: str) -> str:
