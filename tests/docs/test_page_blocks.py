@@ -10,15 +10,18 @@ from functools import partial
 from pathlib import Path
 
 import cv2
+import gymnasium as gym
 import numpy as np
 import pytest
 from page_runner import RUN, Block, blocks_of, run_block
+from stable_baselines3 import PPO
 
 from laploop.assets.calibration_board import blank_card
 from laploop.cli.main import main
 from laploop.perception import NETWORKS, open_dataset
 from laploop.studies.calibration.config import CalibrationConfig
 from laploop.studies.calibration.views import BoardStand, draw_pose, is_lit
+from laploop.studies.learners.sb3_policy import save_sb3
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
 
@@ -99,6 +102,9 @@ def taken_for_granted(tmp_path_factory):
     shutil.copy(runs / "frames" / "scope.json", folder / "calibration.json")
     demonstrated = ["--task", "palpate", "--episodes", "4", "--observation", "depth", "--fidelity", "fast"]
     assert main(["demonstrate", *demonstrated, "--randomisation", "narrow", "--out", str(runs / "palpate")]) == 0
+    env = gym.make("laploop:laploop/Reach-v1", fidelity="fast")
+    save_sb3(PPO("MlpPolicy", env, policy_kwargs={"net_arch": [8]}), runs / "ppo", {"net_arch": [8]})
+    env.close()
     photograph(folder)
     return folder
 
