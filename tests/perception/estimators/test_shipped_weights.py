@@ -24,7 +24,7 @@ CARDS = {
 
 @pytest.mark.parametrize("spec", SHIPPED, ids=lambda spec: spec.name)
 def test_card_names_the_very_file_which_is_small_enough_to_be_shipped(spec):
-    assert spec.weights.stat().st_size < 10e6  # bytes
+    assert spec.weights.stat().st_size < 20e6  # bytes
     assert hashlib.sha256(spec.weights.read_bytes()).hexdigest() in spec.weights.with_suffix(".md").read_text()
 
 
