@@ -16,7 +16,7 @@ import pytest
 from page_runner import RUN, Block, blocks_of, run_block
 from stable_baselines3 import PPO
 
-from laploop.assets.calibration_board import blank_card
+from laploop.assets.calibration_board import CalibrationBoard, blank_card
 from laploop.cli.main import main
 from laploop.perception import NETWORKS, open_dataset
 from laploop.studies.calibration.config import CalibrationConfig
@@ -112,7 +112,7 @@ def taken_for_granted(tmp_path_factory):
 def photograph(folder):
     """Take pictures of a board and, in its poses, of a card, as the page on calibration asks for."""
     config, rng = CalibrationConfig(), np.random.default_rng(0)
-    board = config.board
+    board = CalibrationBoard(columns=8, rows=7, square_mm=7.0)
     even, striped = config.bench.scope_camera(clear_mask=True), config.bench.scope_camera()
     stands = {
         "board": (BoardStand(board.surface(), [even]), even),
