@@ -24,7 +24,7 @@ LATENCY = "loop.timing.pipeline.latency_ms"
 METRIC = "total_rms_mm"
 """Along the normal and across it together: the tissue moves along the stage's axis, whatever way its surface leans."""
 
-STILL_GOOD = 1.5
+_STILL_GOOD = 1.5
 """A predictor holds as long as the error is at most this many times that without latency."""
 
 _TOLD_MS = (0.0, 100.0, 200.0, 500.0, 1000.0)
@@ -145,10 +145,10 @@ def _cost(line: Series, tissue: str) -> list[str]:
         return sentences
     held = 0.0
     for latency in sorted(error_mm):
-        if error_mm[latency] > STILL_GOOD * error_mm[0.0]:
+        if error_mm[latency] > _STILL_GOOD * error_mm[0.0]:
             break
         held = latency
-    sentences.append(f"Tissue {tissue}: `{line.name}` stays within {STILL_GOOD:g} times its error at 0 ms up to {held:g} ms.")
+    sentences.append(f"Tissue {tissue}: `{line.name}` stays within {_STILL_GOOD:g} times its error at 0 ms up to {held:g} ms.")
     return sentences
 
 
