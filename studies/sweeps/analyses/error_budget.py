@@ -72,10 +72,10 @@ def _sentence(budget: Mapping[str, Any]) -> str:
     sure = [(cause, found) for cause, found in causes if found["low"] > 0.0 or found["high"] < 0.0]
     others = [cause for cause, _ in causes if cause not in dict(sure)]
     ends = f"{budget['ideal']['mean']:.3g}{unit} with all causes ideal, {budget['real']['mean']:.3g}{unit} with all real"
-    parts = [f"{cause} adds {found['mean']:+.3g}{unit}" for cause, found in sure]
-    unsure = f" {listed(others)}: no part that is sure.".capitalize() if others else ""
+    parts = [f"{found['mean']:+.3g}{unit} by {cause}" for cause, found in sure]
+    unsure = f" The interval of {listed(others)} holds 0." if others else ""
     subject = ": ".join(filter(None, (budget["part"], what)))
-    return f"{subject[0].upper()}{subject[1:]} is {ends}; {listed(parts) or 'no cause has a part that is sure'}.{unsure}"
+    return f"{subject[0].upper()}{subject[1:]} is {ends}; {listed(parts) or 'no cause surely has a part'}.{unsure}"
 
 
 def _waterfall(budget: Mapping[str, Any]) -> Chart:

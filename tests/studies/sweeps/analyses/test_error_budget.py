@@ -66,7 +66,7 @@ def test_parts_add_up_and_interactions_are_shared(budget):
     assert "| total_rms_mm |" in findings.markdown
     (said,) = findings.sentences
     assert said.startswith("RMS error is 1 mm with all causes ideal, ")
-    assert "latency adds +2.5 mm" in said
+    assert "+2.5 mm by latency" in said
 
 
 def test_a_cause_that_is_off_at_its_source_has_no_part(budget):
