@@ -1,14 +1,18 @@
 """Work that goes on while the loop does: one job at a time, on a thread of its own, in the order in which it is begun."""
 
+import sys
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, wait
-from functools import partial
+from functools import cache, partial
 from typing import Any, Generic, TypeVar
+
+from threadpoolctl import ThreadpoolController
 
 from laploop.envs.loop.stage_timer import StageTimer
 from laploop.errors import SimulationError
+from laploop.workers import usable_cores
 
 WAIT = "wait"
 """Stage of the main thread in which it waits for work that is not finished."""
@@ -73,7 +77,7 @@ class BackgroundWorker:
         self._executor.shutdown(wait=True)
 
     def _start_executor(self) -> None:
-        self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=self._stage)
+        self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=self._stage, initializer=_leave_a_core)
         self._begun = None
 
     def _timed(self, work: Callable[[], ResultT], after: "Pending[Any] | None") -> ResultT:
@@ -155,6 +159,23 @@ class Pending(Generic[ResultT]):
         """Return the result to the main thread, whose waiting is measured; errors as for `result`."""
         with self._worker.timer.measure(WAIT):
             return self.result()
+
+
+def _leave_a_core() -> None:
+    """Let torch, where it is loaded, compute in this thread on all cores but one, which the loop itself needs.
+
+    With as many threads as cores they wait for each other: on two, `compact` takes 21 ms in place of 13.
+    """
+    if (torch := sys.modules.get("torch")) is not None:
+        # Asking gives this thread torch's own number, which would undo the limit later.
+        threads = torch.get_num_threads()
+        _thread_pools().limit(limits=min(threads, max(1, usable_cores() - 1)), user_api="openmp")
+
+
+@cache
+def _thread_pools() -> Any:
+    """Return what holds the limits; finding the loaded libraries takes 2 ms, and every episode begins new threads."""
+    return ThreadpoolController()
 
 
 def _over() -> SimulationError:

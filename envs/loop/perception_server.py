@@ -93,11 +93,11 @@ class _Estimate:
     def __init__(self, estimator: DepthEstimator, seen: Pending[Any]) -> None:
         """Estimate from an image, or from the exact depth for the oracle."""
         self._estimator = estimator
-        self._seen = seen
+        self.seen = seen
         self.seconds = 0.0
 
     def __call__(self) -> DepthEstimate:
-        seen = self._seen.result()
+        seen = self.seen.result()
         begin = time.perf_counter()
         if isinstance(self._estimator, OracleEstimator):
             estimate = self._estimator.estimate_of(seen.depth_mm)
@@ -199,6 +199,8 @@ class PerceptionServer:
     def _start(self, captured: CapturedFrame, start_ns: int, worker: int) -> None:
         made, estimate = self._pending(captured)
         if self.ahead:
+            # The image at once: the thread of estimates may still be busy with the frame before.
+            made.seen.begin()
             estimate.begin()
         if self._samples.service is None:
             estimate.wait()

@@ -4,11 +4,13 @@ import time
 from functools import partial
 
 import pytest
+import torch
 
 from laploop.envs.environment_state import packed, unpacked
 from laploop.envs.loop.background import BackgroundWorker
 from laploop.envs.loop.stage_timer import StageTimer
 from laploop.errors import SimulationError
+from laploop.workers import usable_cores
 
 
 @pytest.fixture
@@ -119,3 +121,10 @@ def test_settled_workers_have_nothing_under_way(worker):
         job.begin()
     worker.settle()
     assert done == [0, 1, 2]
+
+
+def test_torch_leaves_a_core_to_the_loop(worker):
+    everywhere = torch.get_num_threads()
+    beside = worker.later(torch.get_num_threads).wait()
+    assert beside == min(everywhere, max(1, usable_cores() - 1))
+    assert torch.get_num_threads() == everywhere

@@ -35,6 +35,10 @@ class Rendered:
     def __init__(self, value):
         self.value = value
         self.asked = 0
+        self.begun = False
+
+    def begin(self):
+        self.begun = True
 
     def result(self):
         self.asked += 1
@@ -126,6 +130,22 @@ def test_simulated_arrival_does_not_depend_on_how_long_the_estimate_really_takes
     threading.Timer(0.05, release.set).start()
     (one,) = server.poll(MS)
     assert one.depth.available_ns == MS
+
+
+def test_an_image_is_rendered_while_the_estimate_before_it_is_still_under_way(serve):
+    release = threading.Event()
+
+    class Slow(Mean):
+        def estimate(self, image):
+            release.wait(5.0)
+            return super().estimate(image)
+
+    server = serve(Slow(), ConstantLatency(latency_ms=1.0))
+    first, second = captured(0, 0), captured(1, 40 * MS)
+    server.submit(first)
+    server.submit(second)
+    assert second.view.whole.begun
+    release.set()
 
 
 def test_an_error_in_the_estimator_reaches_the_caller(serve):
