@@ -10,6 +10,7 @@ from laploop.studies.timing.machine import describe_machine
 from laploop.studies.timing.probe_process import checkout_source, start_fetch, start_probe, this_source
 from laploop.studies.timing.rows import measure_memory, measure_rows
 from laploop.studies.timing.stage_times import stage_times
+from laploop.studies.timing.start_times import measure_starts
 
 
 def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = None) -> BenchResult:
@@ -37,6 +38,8 @@ def run_bench(config: BenchConfig, progress: Callable[[float], None] | None = No
         if fetch is not None:
             beside = stack.enter_context(start_probe(this_source(), "this checkout"))
             compared = compare_with_fetch(fetch, (this, beside), seed=config.seed, steps=config.steps, rounds=config.rounds)
+    report(0.88)
+    results += measure_starts(config, this_source(), other_source)
     report(0.9)
     results += measure_memory(config, this_source(), other_source, lambda done: report(0.9 + 0.1 * done))
     return BenchResult(

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from laploop.studies.timing.probe_process import ProbeProcess, Sample
+from laploop.studies.timing.probe_process import Sample
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,14 @@ class Spread:
         return asdict(self)
 
 
-def in_turns(probes: Mapping[str, ProbeProcess], rounds: int, *, warm_up: bool = True) -> dict[str, list[Sample]]:
+class Measured(Protocol):
+    """Whatever measures a block of work at a time."""
+
+    def block(self, number: int, /) -> Sample:
+        """Measure a block; they are numbered from 0."""
+
+
+def in_turns(probes: Mapping[str, Measured], rounds: int, *, warm_up: bool = True) -> dict[str, list[Sample]]:
     """Let every probe measure one block a round what it has prepared; one probe measures while the others idle.
 
     Every other round the order is reversed, so that neither a slow drift nor a neighbour's heat favours one of them. A first

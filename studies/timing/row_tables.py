@@ -81,7 +81,7 @@ def ratios_markdown(results: Sequence[RowResult]) -> str:
     for result in results:
         ratio = Spread.of_ratio(result.values, result.other_values)
         ours, others = (_short(float(np.median(values))) for values in (result.values, result.other_values))
-        fidelity = result.row.options["fidelity"]
+        fidelity = result.row.options.get("fidelity", "")
         others += "" if result.other_fidelity == fidelity else f" ({result.other_fidelity})"
         quartiles, better = f"{ratio.p25:.2f} to {ratio.p75:.2f}", "more" if result.row.rate else "less"
         lines.append(
