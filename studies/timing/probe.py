@@ -22,11 +22,12 @@ from abc import ABC, abstractmethod
 from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
-from gymnasium.vector import SyncVectorEnv, VectorEnv
+from gymnasium.vector import SyncVectorEnv
 
 import laploop
 from laploop.assets.shafts import INSTRUMENT
@@ -59,9 +60,7 @@ _CIRCLE_M, _CIRCLE_S = 0.004, 4.0
 """Radius and period of the tip's slow circle above the tissue."""
 _TICKS = 5
 """Control periods in such a step."""
-_HOVER_M = 0.008
-_PRESS_N = 0.3
-_FORCE_SEEN_TICKS = 2000
+_HOVER_M, _PRESS_N, _FORCE_SEEN_TICKS = 0.008, 0.3, 2000
 _ENDLESS_S = 3600.0
 
 Sample = dict[str, Any]
@@ -86,8 +85,7 @@ class Measure(ABC):
 def _took(work: Callable[[], object], units: float) -> Sample:
     cpu, wall = time.process_time(), time.perf_counter()
     work()
-    wall_s, cpu_s = time.perf_counter() - wall, time.process_time() - cpu
-    return {"units": units, "wall_s": wall_s, "cpu_s": cpu_s}
+    return {"units": units, "wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
 
 
 def _reach(fidelity: str, **changes: Any) -> ReachConfig:
@@ -96,15 +94,19 @@ def _reach(fidelity: str, **changes: Any) -> ReachConfig:
     return config if with_fidelity is None else with_fidelity(config, fidelity)
 
 
-def make_vector(fidelity: str, observation: str, environments: int) -> Any:
-    """Return a vector of what `Steps` measures one of: the checkout's own, or else Gymnasium's."""
+def make_vector(fidelity: str, observation: str, environments: int) -> tuple[Any, int, float]:
+    """Return a vector for learners, its steps a camera period, and the speed in m/s that an action of 1 stands for.
+
+    An older checkout has Gymnasium's vector of what `Steps` measures.
+    """
     try:
-        from laploop.envs.batch.making import make_task_vector
+        from laploop.envs.batch.making import make_learner_vector
     except ModuleNotFoundError:
-        return SyncVectorEnv([lambda: _environment(fidelity, observation)] * environments)
+        return SyncVectorEnv([lambda: _environment(fidelity, observation)] * environments), _TICKS, 1.0
     mode, perception = OBSERVATIONS[observation]
-    config = _reach(fidelity, observation_mode=mode)
-    return make_task_vector(num_envs=environments, task="reach", config=config, perception=perception)
+    config = _reach(fidelity)
+    vector = make_learner_vector(num_envs=environments, task="reach", config=config, observation=mode, perception=perception)
+    return vector, 1, config.max_tip_speed_mps
 
 
 def _on_circle(now_ns: int) -> Any:
@@ -171,21 +173,21 @@ class Steps(Measure):
 
 
 class VectorSteps(Measure):
-    """The same of many environments at once; a checkout without our vector takes Gymnasium's."""
+    """The same of many environments for learners at once, a decision a camera period."""
 
     def __init__(self, *, fidelity: str, observation: str, seed: int, environments: int, count: int) -> None:
-        self._shape = environments, 3
-        self._ticks, self._done = count * _TICKS, 0
-        self._env: VectorEnv[Any, Any, Any] = make_vector(fidelity, observation, environments)
+        self._env, self._decisions, self._scale_mps = make_vector(fidelity, observation, environments)
+        self._shape, self._count, self._done = (environments, 3), count, 0
         self._env.reset(seed=seed)
 
     def block(self, _number: int, /) -> Sample:
         """Measure some steps of all; CPU time is that of this process alone."""
-        return _took(self._run, self._ticks * self._shape[0] / _TICKS)
+        return _took(self._run, self._count * self._shape[0])
 
     def _run(self) -> None:
-        for _ in range(self._ticks):
-            self._env.step(np.broadcast_to(_on_circle(self._done * FRAME_NS // _TICKS), self._shape))
+        for _ in range(self._count * self._decisions):
+            action = _on_circle(self._done * FRAME_NS // self._decisions) / np.float32(self._scale_mps)
+            self._env.step(np.broadcast_to(action, self._shape))
             self._done += 1
 
 
@@ -228,7 +230,7 @@ class Physics(Measure):
         while not FRAME_NS < loop.now_ns % loop.config.camera_ns < loop.config.camera_ns - room_ns:
             loop.advance(np.zeros(3))
         loop.timer.lap_ms()
-        force = 0.0
+        force, ticks = 0.0, self._COUNT * FRAME_NS // loop.config.control_ns
 
         def run() -> None:
             nonlocal force
@@ -236,7 +238,6 @@ class Physics(Measure):
                 loop.advance(np.zeros(3))
                 force += loop.mean_force_n / ticks
 
-        ticks = self._COUNT * FRAME_NS // loop.config.control_ns
         sample = _took(run, self._COUNT)
         control_s = 1e-3 * loop.timer.lap_ms().get("control", 0.0)
         return sample | {name: sample[name] - control_s for name in ("wall_s", "cpu_s")} | {"force_n": force}
@@ -298,8 +299,8 @@ class Captures(Measure):
             for _ in range(self._steps):
                 self._theatre.step()
             self._theatre.refresh()
-            pose = self._theatre.world_from_camera()
-            one = _took(lambda pose=pose: self._camera.capture(self._theatre.data, pose, self._rng), 1)  # type: ignore[misc]
+            seen = self._theatre.data, self._theatre.world_from_camera(), self._rng
+            one = _took(partial(self._camera.capture, *seen), 1)
             total |= {name: total[name] + one[name] for name in ("wall_s", "cpu_s")}
         return total
 
