@@ -40,10 +40,12 @@ def test_stages_of_a_step_add_up_to_its_time(measuring):
 def test_a_vectors_steps_are_those_of_all_its_environments(measuring, monkeypatch):
     monkeypatch.setattr(vector_env, "usable_cores", lambda: 1)
     vector = measuring(VectorSteps, fidelity="fast", observation="state", environments=3, count=2)
-    loop = vector._env.call("loop")[2]
-    began_ns = loop.now_ns
+    task = vector._env.call("task_env")[2]
+    began_ns = task.loop.now_ns
     assert vector.block(0)["units"] == 6
-    assert loop.now_ns - began_ns == 2 * 40_000_000
+    assert task.loop.now_ns - began_ns == 2 * 40_000_000
+    speed = np.linalg.norm(task.loop.reading().tip_velocity_in_world)
+    assert speed == pytest.approx(2.0 * np.pi * 0.004 / 4.0, rel=0.5)
 
 
 def test_what_other_threads_do_is_told_apart(measuring):
