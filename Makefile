@@ -77,6 +77,7 @@ FRAMES ?= runs/frames
 PAIRS ?= runs/pairs
 NETWORKS = $(shell $(BIN)/python -P -c 'from laploop.perception import NETWORKS; print(*NETWORKS.names())')
 MODELS = $(NETWORKS) phase
+ORGANS := bowel-loops lobes stomach
 
 results: $(DEV)
 	mkdir -p $(RESULTS)
@@ -84,6 +85,10 @@ results: $(DEV)
 	for estimator in oracle $(MODELS); do for motion in still breathing; do \
 	  $(BIN)/laploop trials --perception $$estimator --motion $$motion --seeds 10 --workers 2 --out runs/trials-$$estimator-$$motion \
 	  && cp runs/trials-$$estimator-$$motion/summary.json $(RESULTS)/trials-$$estimator-$$motion.json || exit 1; done; done
+	for organ in $(ORGANS); do $(BIN)/laploop phantom --family $$organ --out runs/$$organ.stl; for task in reach track; do \
+	  $(BIN)/laploop trials --task $$task --phantom runs/$$organ.stl --motion breathing --seeds 10 --workers 2 \
+	  --out runs/organs-$$organ-$$task && cp runs/organs-$$organ-$$task/summary.json $(RESULTS)/organs-$$organ-$$task.json \
+	  || exit 1; done; done
 	$(BIN)/laploop synthesize --train-tissues 0 --val-tissues 0 --seed 30 --out $(FRAMES)
 	$(BIN)/laploop evaluate --dataset $(FRAMES) --models phase compact ssle-phase --out runs/depth
 	for network in compact ssle-phase; do cp runs/depth/depth.json assets/weights/$$network.json || exit 1; done

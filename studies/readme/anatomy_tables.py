@@ -1,6 +1,7 @@
-"""Tables of depth on anatomy, and under light that the stripe camera leaves out."""
+"""Tables of depth on anatomy, of the loop on it, and of light that the stripe camera leaves out."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from laploop.studies.readme.results_tables import shown
@@ -23,6 +24,28 @@ def anatomy_table(known: Mapping[str, Any], held_out: Mapping[str, Any]) -> str:
                 for name, row in _named(summary)
                 if row["model"] == model and row["against"] == "exact"
             ]
+    return "\n".join(lines)
+
+
+def organs_table(summaries: Sequence[Mapping[str, Any]]) -> str:
+    """Return the table of the closed loop on organs, from summaries of `laploop trials --phantom`."""
+    lines = [
+        "The closed loop with `compact` on organs that breathe, bodies of closed meshes. Of a reach, the distance from an ideal",
+        "touch at its end, of track, the RMS error along the normal: mean and worst episode. Force is the worst of all physics",
+        "steps of all episodes.",
+        "",
+        "| organ | task | episodes | success (95 %) | error mean | error worst | force worst |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for summary in summaries:
+        organ = Path(summary["config"]["episode"]["task"]["loop"]["theatre"]["tissue"]["mesh"]).stem
+        error = summary["metrics"]["normal_rms_mm"] if summary["task"] == "track" else summary["final_error_mm"]
+        low, high = summary["success_interval_95"]
+        lines.append(
+            f"| {organ} | {summary['task']} | {summary['episodes']} | {100 * summary['success_rate']:.0f} % "
+            f"({100 * low:.0f}-{100 * high:.0f}) | {error['mean']:.2f} mm | {error['max']:.2f} mm | "
+            f"{summary['contact_force_n']['max']:.2f} N |"
+        )
     return "\n".join(lines)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.network_specs import SHIPPED
 from laploop.studies.fidelity.run import as_markdown
-from laploop.studies.readme.anatomy_tables import anatomy_table, light_table
+from laploop.studies.readme.anatomy_tables import anatomy_table, light_table, organs_table
 from laploop.studies.readme.bench_tables import against_table, bench_rows_table
 from laploop.studies.readme.readme_tables import summary_markdown
 from laploop.studies.readme.results_tables import overall, residual_table, robustness_table, shown, speed_table, tasks_table
@@ -34,7 +34,7 @@ TRIALS = tuple(f"{name}-{motion}" for name in MODELS for motion in ("still", "br
 def results_markdown(folder: Path) -> str:
     """Return the page of results for the summaries in `folder`.
 
-    Those of trials, tasks, anatomy, the path tracer, robustness, speed, fidelity, of another revision and of an injected
+    Those of trials, tasks, organs, anatomy, the path tracer, robustness, speed, fidelity, of another revision and of an injected
     calibration error are left out where they are missing.
 
     Raises:
@@ -42,6 +42,7 @@ def results_markdown(folder: Path) -> str:
     """
     pairs = read_summary(folder / "depth-pairs.json")
     trials = [read_summary(path) for name in TRIALS if (path := folder / f"trials-{name}.json").is_file()]
+    organs = [read_summary(path) for path in sorted(folder.glob("organs-*.json"))]
     speeds = [read_summary(path) for name in MODELS if (path := folder / f"speed-{name}.json").is_file()]
     tasks, residual, robustness, fidelity, against, known, held_out, twin = (
         read_summary(path) if (path := folder / f"{name}.json").is_file() else None
@@ -60,6 +61,7 @@ def results_markdown(folder: Path) -> str:
     sections = {
         "Closed loop": _trials_table(trials),
         "Tasks": tasks_table(tasks) if tasks else None,
+        "On organs": organs_table(organs) if organs else None,
         "Depth against exact truth": _depth_table(robustness or read_summary(DEPTH)),
         "Depth on anatomy": anatomy_table(known, held_out) if known and held_out else None,
         "Depth under the path tracer's light": light_table(twin) if twin else None,
