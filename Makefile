@@ -129,7 +129,7 @@ studies: $(DEV)
 
 # All learners with three seeds each, and their page: most of a day.
 baselines: $(DEV)
-	$(BIN)/laploop demonstrate --task reach --observation depth+state --fidelity fast --perception oracle --episodes 100 \
+	$(BIN)/laploop demonstrate --task reach --observation depth+state --fidelity fast --perception oracle --episodes 200 \
 	  --out runs/demonstrations
 	$(BIN)/python -P -m laploop.studies.learners.baselines examples/learning runs/baselines $(RESULTS)/baselines.json
 	$(BIN)/python -P -m laploop.studies.learners.baselines_figure $(RESULTS)/baselines.json docs/pictures/baselines.png
