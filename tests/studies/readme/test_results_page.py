@@ -6,6 +6,7 @@ import pytest
 
 from laploop.errors import InvalidValueError, MissingFileError
 from laploop.studies.episodes.task_table import summarise_tasks
+from laploop.studies.readme.anatomy_tables import organs_table
 from laploop.studies.readme.readme_tables import summary_markdown
 from laploop.studies.readme.results_page import (
     BEGIN,
@@ -161,3 +162,13 @@ def test_sections_appear_with_their_files(tmp_path):
     for begin in ("The five tasks", "The same with an error", "Conditions beside", "Time of a frame"):
         assert begin not in without
         assert block.count(begin) == 1
+
+
+def test_organs_table_takes_the_error_along_the_normal_of_track_and_the_final_one_of_reach():
+    config = {"episode": {"task": {"loop": {"theatre": {"tissue": {"mesh": "runs/lobes.stl"}}}}}}
+    common = {"config": config, "episodes": 10, "success_rate": 1.0, "success_interval_95": [0.72, 1.0]}
+    common |= {"contact_force_n": {"max": 0.2}, "final_error_mm": {"mean": 0.1, "max": 0.3}}
+    track = {**common, "task": "track", "metrics": {"normal_rms_mm": {"mean": 0.4, "max": 0.6}}}
+    lines = organs_table([{**common, "task": "reach", "metrics": {}}, track]).splitlines()[-2:]
+    assert lines[0] == "| lobes | reach | 10 | 100 % (72-100) | 0.10 mm | 0.30 mm | 0.20 N |"
+    assert lines[1] == "| lobes | track | 10 | 100 % (72-100) | 0.40 mm | 0.60 mm | 0.20 N |"
