@@ -30,9 +30,9 @@ def anatomy_table(known: Mapping[str, Any], held_out: Mapping[str, Any]) -> str:
 def organs_table(summaries: Sequence[Mapping[str, Any]]) -> str:
     """Return the table of the closed loop on organs, from summaries of `laploop trials --phantom`."""
     lines = [
-        "The closed loop with `compact` on organs that breathe, bodies of closed meshes. Of a reach, the distance from an ideal",
-        "touch at its end, of track, the RMS error along the normal: mean and worst episode. Force is the worst of all physics",
-        "steps of all episodes.",
+        "The closed loop with `compact` on organs that breathe, bodies of closed meshes. Of a reach, the distance from an",
+        "ideal touch at its end, of track, the RMS error along the normal: mean and worst episode. Force is the worst of all",
+        "physics steps of all episodes.",
         "",
         "| organ | task | episodes | success (95 %) | error mean | error worst | force worst |",
         "|---|---|---|---|---|---|---|",

@@ -34,8 +34,8 @@ TRIALS = tuple(f"{name}-{motion}" for name in MODELS for motion in ("still", "br
 def results_markdown(folder: Path) -> str:
     """Return the page of results for the summaries in `folder`.
 
-    Those of trials, tasks, organs, anatomy, the path tracer, robustness, speed, fidelity, of another revision and of an injected
-    calibration error are left out where they are missing.
+    Those of trials, tasks, organs, anatomy, the path tracer, robustness, speed, fidelity, of another revision and of an
+    injected calibration error are left out where they are missing.
 
     Raises:
         MissingFileError: If the folder lacks one of the others.
