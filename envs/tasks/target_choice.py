@@ -51,8 +51,9 @@ def choose_target_pixel(
         if shaft_is_clear(points[row, column], trocar_in_camera, surface, config):
             return column, row
     raise SimulationError(
-        f"no pixel of the first frame qualifies as a target ({len(rows)} are lit tissue, face camera and tool and lie within "
-        f"{config.max_radius_m * 1e3:.0f} mm of the axis); try another seed or a wider TargetChoiceConfig"
+        f"no pixel of the first frame qualifies as a target ({len(rows)} are lit tissue, face camera and tool, lie within "
+        f"{config.max_radius_m * 1e3:.0f} mm of the axis and at a depth of {config.min_depth_m * 1e3:.0f} to "
+        f"{config.max_depth_m * 1e3:.0f} mm); try another seed or a wider TargetChoiceConfig"
     )
 
 
@@ -63,6 +64,7 @@ def qualifying_pixels(
     depth_m = view.depth_mm.astype(np.float64) * 1e-3
     across_m = np.linalg.norm(camera.rays[..., :2], axis=-1) * depth_m
     fits = (view.object_id == ObjectId.TISSUE) & view.lit & (across_m < config.max_radius_m)
+    fits &= (depth_m >= config.min_depth_m) & (depth_m <= config.max_depth_m)
     rays, normals = camera.rays[fits], view.normals[fits].astype(np.float64)
     to_camera = -rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     to_trocar = trocar_in_camera - rays * depth_m[fits][:, None]

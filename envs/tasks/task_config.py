@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 from laploop.configuration import Field, configuration
 from laploop.envs.loop.config import LoopConfig
+from laploop.perception.working_range import WORKING_RANGE_MM
 
 ActionMode = Literal["tip-velocity", "tip-offset", "joint-velocity", "residual"]
 """What an action means; see `laploop.envs.tasks.actions`."""
@@ -21,6 +22,7 @@ Force = Annotated[float, Field(gt=0.0, le=100.0)]
 Seconds = Annotated[float, Field(gt=0.0, le=3600.0)]
 Fraction = Annotated[float, Field(gt=0.0, le=1.0)]
 Length = Annotated[float, Field(gt=0.0, le=0.1)]
+Depth = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
 @configuration
@@ -41,8 +43,12 @@ class RewardWeights:
 
 @configuration
 class TargetChoiceConfig:
-    """What makes a pixel a fair target: seen, lit, in the middle of the view, and not facing away from camera or tool."""
+    """What makes a pixel a fair target: seen, lit, where depth can be measured, in the middle, and facing camera and tool."""
 
+    min_depth_m: Depth = WORKING_RANGE_MM[0] * 1e-3
+    """Nearest depth."""
+    max_depth_m: Depth = WORKING_RANGE_MM[1] * 1e-3
+    """Farthest depth."""
     max_radius_m: Length = 0.02
     """Largest distance from the optical axis."""
     max_slope_rad: Angle = math.radians(40.0)
