@@ -35,7 +35,7 @@ def write_minari(folder: Path, card: Card, env: gym.Env[Any, Any], demonstration
 
     # The storage that `minari.create_dataset_from_buffers` fills, which holds all episodes in memory at once.
     storage = MinariStorage.new(
-        folder,
+        folder.absolute(),  # it joins a relative one with itself
         observation_space=env.observation_space,
         action_space=env.action_space,
         env_spec=env.spec,

@@ -1,6 +1,7 @@
 import json
 
 import pytest
+from minari import MinariDataset
 
 from laploop.cli.main import main
 from laploop.envs.tasks.reach import ReachEnv
@@ -29,6 +30,13 @@ def test_demonstrations_are_written_told_and_replayed(short, tmp_path, capsys):
     summary = json.loads((out / "summary.json").read_text())
     assert (summary["frames"], summary["differing_frames"]) == (10, 0)
     assert (out / "recording.rrd").stat().st_size > 10_000
+
+
+def test_a_data_set_for_minari_is_written_below_the_working_folder(short, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["demonstrate", *FAST, "--episodes", "1", "--out", "runs/shown"]) == 0
+    assert len(MinariDataset(tmp_path / "runs" / "shown" / "minari" / "laploop" / "reach-v0" / "data")) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["runs"]
 
 
 @pytest.mark.parametrize(
