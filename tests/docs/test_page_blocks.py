@@ -102,7 +102,8 @@ def taken_for_granted(tmp_path_factory):
         shutil.copy(NETWORKS.get(name).weights, runs / name)
     for name in ("first", "epoch-2"):
         shutil.copy(NETWORKS.get("ssle-phase").weights, folder / f"{name}.safetensors")
-    (folder / "my_module.py").write_text("from laploop.perception import CompactEstimator as MyEstimator\n")
+    own = "from laploop.perception import make_estimator\n\ndef MyEstimator(rig):\n    return make_estimator('phase', rig)\n"
+    (folder / "my_module.py").write_text(own)
     sweep = 'title = "Mine"\nseeds = 1\n[base]\nperception = "oracle"\nseconds = 0.2\n[vary]\nmotion = ["still"]\n'
     (folder / "own.toml").write_text(sweep)
     store = open_dataset(runs / "frames" / "frames.zarr")
