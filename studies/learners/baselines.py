@@ -148,7 +148,7 @@ def baselines_table(runs: Mapping[str, Any]) -> str:
         pooled = {key: [value for run in group for value in run["episodes"][key]] for key in _ROWS}
         successes, trials = sum(pooled["success"]), len(pooled["success"])
         low, high = wilson_interval(successes, trials)
-        minutes = np.mean([run["cpu_s"] for run in group]) / 60.0
+        seconds = float(np.mean([run["cpu_s"] for run in group]))
         cells = [
             environment.rpartition("/")[2],
             method,
@@ -158,10 +158,14 @@ def baselines_table(runs: Mapping[str, Any]) -> str:
             _mean(estimate(pooled["total_return"]), 2),
             f"{_mean(estimate(pooled['error_mm']), 2)} mm",
             f"{_mean(estimate(pooled['force_n']), 2)} N",
-            f"{minutes:.0f} min" if minutes else "",
+            _time(seconds) if seconds else "",
         ]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 60.0 else f"{seconds / 60.0:.0f} min"
 
 
 def _mean(found: Estimate | None, digits: int) -> str:
