@@ -88,7 +88,7 @@ def test_other_environments_are_refused():
 
 @pytest.mark.slow
 def test_vector_environments_in_spawned_processes_make_the_environments_by_their_ids():
-    make = functools.partial(gym.make, "laploop:laploop/Reach-v0", perception="oracle")
+    make = functools.partial(gym.make, "laploop:laploop/Reach-v1", observation="depth", perception="oracle")
     env = gym.vector.AsyncVectorEnv([make], context="spawn")
     one = make()
     observations, _ = env.reset(seed=4)
@@ -102,8 +102,10 @@ def test_vector_environments_in_spawned_processes_make_the_environments_by_their
 @pytest.mark.slow
 def test_stable_baselines_runs_the_environments_in_spawned_processes():
     vec_env = pytest.importorskip("stable_baselines3.common.vec_env")
-    env = vec_env.SubprocVecEnv([functools.partial(gym.make, "laploop:laploop/Reach-v0", perception="oracle")], "spawn")
+    env = vec_env.SubprocVecEnv(
+        [functools.partial(gym.make, "laploop:laploop/Reach-v1", observation="depth", perception="oracle")], "spawn"
+    )
     observations = env.reset()
-    assert observations["depth_mm"].shape == (1, 256, 256)
+    assert observations["depth"].shape == (1, 256, 256, 1)
     env.step(np.zeros((1, 3), np.float32))
     env.close()

@@ -56,6 +56,7 @@ def report(tmp_path):
         path,
         title="A study",
         about="Two charts.",
+        sentences=["Latency costs *nothing*."],
         charts=[lines, bars],
         table=[["condition", "error"], ["first", "0.3"]],
         command="laploop study own.toml --out runs/own",
@@ -83,6 +84,7 @@ def test_a_browser_draws_all_charts_without_errors_and_without_another_request(r
     assert done.stdout.count('class="gtitle"') == 2
     assert done.stdout.count('class="trace scatter') == 2
     assert 'class="trace bars"' in done.stdout
+    assert "Latency costs" in done.stdout
     assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
     assert not asked
 
