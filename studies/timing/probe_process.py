@@ -127,14 +127,18 @@ def checkout_source(checkout: Path) -> Path:
     return folder / "src"
 
 
+def python_path(source: Path) -> str:
+    """Return what puts the package in a source folder before all others, for a process's environment."""
+    return os.pathsep.join([str(source), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))])
+
+
 def start_probe(source: Path, name: str) -> ProbeProcess:
     """Start a process that measures the package in a source folder.
 
     Raises:
         WorkerError: If it cannot be started, or finds another package.
     """
-    paths = [str(source), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
-    environment = {"PYTHONPATH": os.pathsep.join(paths), "OPENBLAS_NUM_THREADS": os.environ.get("OPENBLAS_NUM_THREADS", "1")}
+    environment = {"PYTHONPATH": python_path(source), "OPENBLAS_NUM_THREADS": os.environ.get("OPENBLAS_NUM_THREADS", "1")}
     probe = ProbeProcess(name, [sys.executable, "-P", str(_SCRIPTS / "probe.py")], environment)
     found = Path(probe.greeting["source"])
     if found.resolve() != (source / "laploop").resolve():

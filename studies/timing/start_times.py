@@ -11,7 +11,7 @@ from pathlib import Path
 from laploop.errors import WorkerError
 from laploop.studies.timing.bench_config import BenchConfig
 from laploop.studies.timing.interleaving import in_turns
-from laploop.studies.timing.probe_process import Sample
+from laploop.studies.timing.probe_process import Sample, python_path
 from laploop.studies.timing.rows import Row, RowResult
 
 _STARTS = {
@@ -31,8 +31,7 @@ class _Start:
     """Folder that holds the package."""
 
     def block(self, _number: int, /) -> Sample:
-        paths = [str(self.source), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join(paths)}
+        environment = {**os.environ, "PYTHONPATH": python_path(self.source)}
         begin = time.perf_counter()
         done = subprocess.run(  # noqa: S603  our own program
             [sys.executable, "-P", "-c", self.program], env=environment, capture_output=True, text=True, check=False

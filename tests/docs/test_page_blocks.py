@@ -13,7 +13,7 @@ import cv2
 import gymnasium as gym
 import numpy as np
 import pytest
-import trimesh
+from bench_files import write_exact_calibration, write_pairs
 from page_runner import RUN, Block, blocks_of, run_block
 from stable_baselines3 import PPO
 
@@ -21,16 +21,10 @@ from laploop.assets.calibration_board import CalibrationBoard, blank_card
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.cli.main import main
 from laploop.perception import NETWORKS, open_dataset
-from laploop.perception.calibration.calibration_file import save_calibration
-from laploop.perception.calibration.projector import designed_projector
-from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
 from laploop.perception.data.pair_store import PairStore
-from laploop.perception.geometry import Rig
-from laploop.perception.reprojection import BrownDistortion
 from laploop.studies.calibration.config import CalibrationConfig
 from laploop.studies.calibration.views import BoardStand, draw_pose, is_lit
 from laploop.studies.learners.sb3_policy import save_sb3
-from laploop.studies.scenes.optical_bench import OpticalBench
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(3600)]
 
@@ -110,7 +104,8 @@ def taken_for_granted(tmp_path_factory):
     (folder / "pictures").mkdir()
     for index in range(2):
         cv2.imwrite(str(folder / "pictures" / f"{index}.png"), store.image(index))
-    put_on_bench(folder)
+    write_exact_calibration(folder / "calibration.json", ScopeOptics())
+    write_pairs(folder / "bench", PairStore.open(runs / "pairs" / "pairs.zarr"))
     demonstrated = ["--task", "palpate", "--episodes", "4", "--observation", "depth", "--fidelity", "fast"]
     assert main(["demonstrate", *demonstrated, "--randomisation", "narrow", "--out", str(runs / "palpate")]) == 0
     env = gym.make("laploop:laploop/Reach-v1", fidelity="fast")
@@ -118,37 +113,6 @@ def taken_for_granted(tmp_path_factory):
     env.close()
     photograph(folder)
     return folder
-
-
-def put_on_bench(folder):
-    """Write what a bench gives: a calibration, here exact, and pictures with clouds of the reference camera."""
-    optics, bench = ScopeOptics(), OpticalBench()
-    rig = Rig.from_optics(optics)
-
-    def camera(intrinsics):
-        poses = np.tile(np.eye(4), (5, 1, 1))
-        errors = (0.0,) * 5
-        return CameraCalibration(
-            intrinsics=intrinsics, distortion=BrownDistortion(), view_errors_px=errors, camera_from_board=poses
-        )
-
-    stereo = StereoCalibration(
-        scope=camera(rig.camera),
-        reference=camera(bench.reference.intrinsics),
-        scope_from_reference=bench.scope_from_reference,
-        view_errors_px=(0.0,) * 5,
-    )
-    save_calibration(folder / "calibration.json", stereo, projector=designed_projector(rig), mask=optics.mask)
-    store, lines = PairStore.open(folder / "runs" / "pairs" / "pairs.zarr"), ["image,cloud,split,scene"]
-    for name in ("images", "clouds"):
-        (folder / "bench" / name).mkdir(parents=True)
-    for index in range(len(store)):
-        image, cloud = f"images/{index:04d}.png", f"clouds/{index:04d}.ply"
-        cv2.imwrite(str(folder / "bench" / image), store.image(index))
-        written = trimesh.PointCloud(store.reference_cloud_mm(index)).export(file_type="ply")
-        (folder / "bench" / cloud).write_bytes(written)
-        lines.append(f"{image},{cloud},{('train', 'val', 'test')[store.split[index]]},tissue {store.tissue_seed[index]}")
-    (folder / "bench" / "pairs.csv").write_text("\n".join(lines) + "\n")
 
 
 def photograph(folder):

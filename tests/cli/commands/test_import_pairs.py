@@ -2,27 +2,18 @@
 
 import json
 
-import cv2
-import numpy as np
 import pytest
-import trimesh
+from bench_files import write_exact_calibration, write_pairs
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
 from laploop.cli.main import main
-from laploop.perception.calibration.calibration_file import save_calibration
-from laploop.perception.calibration.projector import designed_projector
-from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
 from laploop.perception.data.pair_store import PairStore
-from laploop.perception.geometry import Rig
-from laploop.perception.reprojection import BrownDistortion
-from laploop.studies.scenes.optical_bench import OpticalBench
 
 OPTICS = ScopeOptics(width=128, height=128, mask=StripeMask(stripes=10))
 SMALL = ["--pairs", "8", "--tissues", "4", "--split-tissues", "1", "1", "2", "--workers", "1", "--seed", "2"]
 SMALL += ["--bench.scope.width", "128", "--bench.scope.height", "128", "--bench.scope.mask.stripes", "10"]
 SMALL += ["--bench.reference.sampling", "4x4", "--tissue.cells", "4", "4", "--tissue.shape.samples", "31"]
-SPLITS = ("train", "val", "test")
 
 
 @pytest.fixture(scope="module")
@@ -30,20 +21,7 @@ def collected(tmp_path_factory):
     """A collection with the calibration of a bench that was measured without error."""
     root = tmp_path_factory.mktemp("bench")
 
-    def camera(intrinsics):
-        poses = np.tile(np.eye(4), (5, 1, 1))
-        return CameraCalibration(
-            intrinsics=intrinsics, distortion=BrownDistortion(), view_errors_px=(0.0,) * 5, camera_from_board=poses
-        )
-
-    bench, rig = OpticalBench(), Rig.from_optics(OPTICS)
-    stereo = StereoCalibration(
-        scope=camera(rig.camera),
-        reference=camera(bench.reference.intrinsics),
-        scope_from_reference=bench.scope_from_reference,
-        view_errors_px=(0.0,) * 5,
-    )
-    save_calibration(root / "calibration.json", stereo, projector=designed_projector(rig), mask=OPTICS.mask)
+    write_exact_calibration(root / "calibration.json", OPTICS)
     arguments = [*SMALL, "--calibration", str(root / "calibration.json"), "--out", str(root / "collected")]
     assert main(["collect", *arguments]) == 0
     return root
@@ -53,17 +31,7 @@ def collected(tmp_path_factory):
 def own(collected):
     """The layout of docs/own_images.md."""
     folder = collected / "own"
-    for name in ("images", "clouds"):
-        (folder / name).mkdir(parents=True)
-    store = PairStore.open(collected / "collected" / "pairs.zarr")
-    lines = ["image,cloud,split,scene"]
-    for index in range(len(store)):
-        name = f"{index + 1:04d}"
-        cv2.imwrite(str(folder / "images" / f"{name}.png"), store.image(index))
-        cloud = trimesh.PointCloud(store.reference_cloud_mm(index))
-        (folder / "clouds" / f"{name}.ply").write_bytes(cloud.export(file_type="ply"))
-        lines.append(f"images/{name}.png,clouds/{name}.ply,{SPLITS[store.split[index]]},tissue {store.tissue_seed[index]}")
-    (folder / "pairs.csv").write_text("\n".join(lines) + "\n")
+    write_pairs(folder, PairStore.open(collected / "collected" / "pairs.zarr"))
     arguments = ["--folder", str(folder), "--calibration", str(collected / "calibration.json"), "--unit", "mm"]
     assert main(["import-pairs", *arguments, "--out", str(collected / "imported")]) == 0
     return collected / "imported"

@@ -29,6 +29,17 @@ class Mean:
         return DepthEstimate(depth_mm=np.full(image.shape, 1.0 + image.mean(), np.float32), valid=np.ones(image.shape, bool))
 
 
+class Held(Mean):
+    """Waits for an event before it does."""
+
+    def __init__(self, release):
+        self.release = release
+
+    def estimate(self, image):
+        self.release.wait(5.0)
+        return super().estimate(image)
+
+
 class Rendered:
     """A view that is there at once."""
 
@@ -119,13 +130,7 @@ def test_the_oracle_sees_the_truth_of_the_frame_it_serves(serve):
 
 def test_simulated_arrival_does_not_depend_on_how_long_the_estimate_really_takes(serve):
     release = threading.Event()
-
-    class Slow(Mean):
-        def estimate(self, image):
-            release.wait(5.0)
-            return super().estimate(image)
-
-    server = serve(Slow(), ConstantLatency(latency_ms=1.0))
+    server = serve(Held(release), ConstantLatency(latency_ms=1.0))
     server.submit(captured(0, 0))
     threading.Timer(0.05, release.set).start()
     (one,) = server.poll(MS)
@@ -134,13 +139,7 @@ def test_simulated_arrival_does_not_depend_on_how_long_the_estimate_really_takes
 
 def test_an_image_is_rendered_while_the_estimate_before_it_is_still_under_way(serve):
     release = threading.Event()
-
-    class Slow(Mean):
-        def estimate(self, image):
-            release.wait(5.0)
-            return super().estimate(image)
-
-    server = serve(Slow(), ConstantLatency(latency_ms=1.0))
+    server = serve(Held(release), ConstantLatency(latency_ms=1.0))
     first, second = captured(0, 0), captured(1, 40 * MS)
     server.submit(first)
     server.submit(second)
