@@ -80,6 +80,5 @@ def shaft_is_clear(point: Array, trocar_in_camera: Array, surface: Array, config
     to_trocar /= np.linalg.norm(to_trocar)
     offset = surface - point
     along = offset @ to_trocar
-    beside = along > 0.01
-    across = np.linalg.norm(offset[beside] - along[beside, None] * to_trocar, axis=1)
-    return not bool(np.any(across < config.clearance_m))
+    across_squared = np.einsum("ij,ij->i", offset, offset) - along**2
+    return not bool(np.any((along > 0.01) & (across_squared < config.clearance_m**2)))

@@ -67,8 +67,10 @@ def _lattice_weights(places: Array, cells: NDArray[np.integer]) -> tuple[NDArray
     scaled = places * cells
     cell = np.minimum(scaled.astype(np.int32), cells - 1)
     upper = scaled - cell
-    corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij")).reshape(3, 8).T
-    x, y, z = (cell[:, None, :] + corners).transpose(2, 0, 1)
-    nodes = (x * (cells[1] + 1) + y) * (cells[2] + 1) + z
-    factors = np.where(corners == 1, upper[:, None, :], 1.0 - upper[:, None, :])
-    return nodes.astype(np.int32), np.asarray(factors.prod(axis=-1))
+    # Of both ends along each axis; a corner's node is the sum of three, its weight the product.
+    strides = np.array([(cells[1] + 1) * (cells[2] + 1), cells[2] + 1, 1])
+    x, y, z = (np.stack([cell, cell + 1], axis=1) * strides).astype(np.int32).transpose(2, 0, 1)
+    nodes = x[:, :, None, None] + y[:, None, :, None] + z[:, None, None, :]
+    u, v, w = np.stack([1.0 - upper, upper], axis=1).transpose(2, 0, 1)
+    weights = u[:, :, None, None] * v[:, None, :, None] * w[:, None, None, :]
+    return nodes.reshape(-1, 8), weights.reshape(-1, 8)
