@@ -1,5 +1,6 @@
 """The rates of the loop, and their periods in integer nanoseconds of simulated time."""
 
+from functools import cached_property
 from typing import Annotated
 
 from laploop.configuration import Field, configuration
@@ -36,17 +37,17 @@ class ClockRates:
                 step = f"{self.physics_ns * 1e-6:g} ms"
                 raise InvalidValueError(name, hertz, f"a period of whole physics steps of {step}; the nearest are {nearest} Hz")
 
-    @property
+    @cached_property
     def physics_ns(self) -> int:
         """The physics step in nanoseconds."""
         return round(1e9 / self.physics_hz)
 
-    @property
+    @cached_property
     def control_ns(self) -> int:
         """The control period in nanoseconds."""
         return round(1e9 / self.control_hz)
 
-    @property
+    @cached_property
     def camera_ns(self) -> int:
         """The camera period in nanoseconds."""
         return round(1e9 / self.camera_hz)

@@ -273,6 +273,6 @@ class Theatre:
     def _check(self) -> None:
         """Raise if MuJoCo counted a warning (which includes NaN and huge values in position, velocity, acceleration)."""
         counts = self.data.warning.number
-        if np.any(counts):
+        if counts.any():
             names = [mujoco.mjtWarning(int(index)).name for index in np.flatnonzero(counts)]
             raise SimulationError(f"MuJoCo warned of {', '.join(names)} at {self.now_ns * 1e-9:.3f} s of simulated time")
