@@ -23,7 +23,7 @@ from laploop.studies import CurveCallback, TargetInDepth, evaluate, load_into, v
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("--treatment", default="naive", choices=["naive", "augmented", "conservative"])
 parser.add_argument("--delay-ms", type=float, default=150.0, help="the longest; each episode draws its own from 40 ms on")
-parser.add_argument("--steps", type=int, default=100_000, help="decisions of 40 ms")
+parser.add_argument("--steps", type=int, default=50_000, help="decisions of 40 ms")
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--episodes", type=int, default=20, help="of the evaluation")
 parser.add_argument("--out", type=Path, default=Path("runs/delayed_ppo"))
