@@ -12,6 +12,11 @@ _TUKEY = 4.685
 
 _MAD_TO_SIGMA = 1.4826
 
+_FEWEST_FOR_QUADRIC = 12
+
+_SHARES = (0.75, 0.5625)
+"""Of the radius: patches to try where the whole is not even."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SurfacePatch:
@@ -53,13 +58,40 @@ def fit_patch(points: Array, ray: Array, *, radius_m: float, min_spread_m: float
     return SurfacePatch(point=ray * z0, normal=normal / np.linalg.norm(normal), spread_m=residual_spread)
 
 
+def fit_even_patch(points: Array, ray: Array, *, radius_m: float, max_spread_m: float) -> SurfacePatch:
+    """Fit a patch as `fit_patch` does, a smaller one where the whole holds more than one surface.
+
+    Depth networks blur the step from one surface to another into a slope, and a quadric follows that. Patches of 3/4 and 9/16
+    of the radius are tried as long as the points spread more about the fit than they should. Where none is even, the depth is
+    noisy, and the whole is best.
+
+    Args:
+        points: (n, 3), as for `fit_patch`; those within the radius.
+        ray: (3,), the pixel's ray scaled to z = 1.
+        radius_m: Size of the largest patch.
+        max_spread_m: Greatest robust standard deviation of a patch that holds one surface.
+
+    Raises:
+        InvalidValueError: If there are too few points.
+    """
+    whole = fit_patch(points, ray, radius_m=radius_m)
+    lateral = np.hypot(points[:, 0] - ray[0] * points[:, 2], points[:, 1] - ray[1] * points[:, 2])
+    patch = whole
+    for share in _SHARES:
+        near = points[lateral < share * radius_m]
+        if patch.spread_m <= max_spread_m or len(near) < _FEWEST_FOR_QUADRIC:
+            break
+        patch = fit_patch(near, ray, radius_m=share * radius_m)
+    return patch if patch.spread_m <= max_spread_m else whole
+
+
 def _fit_around(points: Array, ray: Array, z0: float, radius_m: float, min_spread_m: float) -> tuple[Array, float]:
     """Fit about the point of the ray at depth z0; return its refined depth and the slopes there, (3,), and the spread."""
     x = (points[:, 0] - ray[0] * z0) / radius_m
     y = (points[:, 1] - ray[1] * z0) / radius_m
     z = points[:, 2] - z0
     columns = [np.ones_like(x), x, y]
-    if len(points) >= 12:
+    if len(points) >= _FEWEST_FOR_QUADRIC:
         columns += [x * x, x * y, y * y]
     basis = np.stack(columns, axis=-1)
     near = np.exp(-np.log(2.0) * 4.0 * (x * x + y * y))

@@ -14,7 +14,7 @@ from laploop.control.prediction.motion_predictor import MotionPredictor
 from laploop.control.prediction.registry import PREDICTORS, make_predictor
 from laploop.control.prediction.rhythm_predictor import RhythmPredictor, RhythmPredictorConfig
 from laploop.control.targeting.sample_depth import sample_depth
-from laploop.control.targeting.surface_patch import SurfacePatch, fit_patch
+from laploop.control.targeting.surface_patch import SurfacePatch, fit_even_patch
 from laploop.control.targeting.tissue_motion import TissueMotion
 from laploop.control.targeting.tool_occlusion import ToolOcclusion, ToolOutline
 from laploop.errors import InvalidValueError
@@ -31,6 +31,8 @@ class TargetingConfig:
 
     patch_radius_m: Annotated[float, Field(ge=0.0005, le=0.05)] = 0.0045
     """Radius of the fit that gives the target point and its normal."""
+    max_patch_spread_m: Annotated[float, Field(gt=0.0, le=0.1)] = 0.0004
+    """Spread of the depth about that fit from which smaller ones are tried: beside a step the patch holds two surfaces."""
     min_patch_fraction: Annotated[float, Field(gt=0.0, le=1.0)] = 0.4
     """Fraction of the patch's pixels that must be valid and free of the tool for a frame to become the reference."""
     track_radius_m: Annotated[float, Field(ge=0.0005, le=0.05)] = 0.012
@@ -281,7 +283,8 @@ class Targeting:
         around = points[lateral < config.track_radius_m]
         if len(core) < max(6.0, config.min_patch_fraction * full):
             return None, around
-        return fit_patch(core, ray, radius_m=config.patch_radius_m), around
+        patch = fit_even_patch(core, ray, radius_m=config.patch_radius_m, max_spread_m=config.max_patch_spread_m)
+        return patch, around
 
     def _nearest(self, frame: DepthFrame, state: ControlInput) -> float:
         """Return the depth of the nearest tissue on a coarse grid of pixels; outliers do not count."""

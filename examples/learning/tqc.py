@@ -15,7 +15,7 @@ import laploop  # noqa: F401  registers the environments
 from laploop.studies import CurveCallback, evaluate, load_into, verdict, write_result
 
 parser = argparse.ArgumentParser(description=__doc__)
-parser.add_argument("--steps", type=int, default=10_000, help="decisions of 40 ms")
+parser.add_argument("--steps", type=int, default=20_000, help="decisions of 40 ms")
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--episodes", type=int, default=50, help="of the evaluation")
 parser.add_argument("--out", type=Path, default=Path("runs/tqc"))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from laploop.control.targeting.surface_patch import fit_patch
+from laploop.control.targeting.surface_patch import fit_even_patch, fit_patch
 from laploop.errors import InvalidValueError
 
 RADIUS = 0.0045
@@ -56,6 +56,26 @@ def test_step_to_another_surface_is_ignored(rig):
     patch = fit_patch(points, ray, radius_m=RADIUS)
     np.testing.assert_allclose(patch.point[2], 0.09, atol=5e-5)  # metres, the fit's smallest scale
     assert degrees_between(patch.normal, np.array([0.0, 0.0, -1.0])) < 1.0
+
+
+def test_blurred_step_to_another_surface_is_left_out(rig):
+    row, column = np.mgrid[:256, :256]
+    # A wall 16 mm high, 7 pixels, about 3 mm, beside the target, blurred over 4 pixels, as networks do.
+    depth = 0.09 - 0.016 / (1.0 + np.exp((column - 128.0 - 0.7 * (row - 128.0) + 9.0) / 1.2))
+    points, ray = patch_points(rig, depth, (128.5, 128.5))
+    inside = np.hypot(*(points[:, :2] - ray[:2] * points[:, 2:]).T) < RADIUS
+    facing = np.array([0.0, 0.0, -1.0])
+    assert degrees_between(fit_patch(points[inside], ray, radius_m=RADIUS).normal, facing) > 40.0
+    patch = fit_even_patch(points[inside], ray, radius_m=RADIUS, max_spread_m=4e-4)
+    assert degrees_between(patch.normal, facing) < 10.0
+    np.testing.assert_allclose(patch.point[2], 0.09, atol=3e-4)
+
+
+def test_where_no_smaller_patch_is_even_the_whole_is_taken(rig):
+    depth = 0.09 + 0.002 * np.random.default_rng(0).normal(size=(256, 256))
+    points, ray = patch_points(rig, depth, (128.5, 128.5))
+    even = fit_even_patch(points, ray, radius_m=RADIUS, max_spread_m=4e-4)
+    np.testing.assert_array_equal(even.normal, fit_patch(points, ray, radius_m=RADIUS).normal)
 
 
 def test_few_points_are_fitted_by_a_plane():
