@@ -30,8 +30,8 @@ class PredictArguments:
     """A network, phase, or `module:Class` of your own."""
     weights: Path | None = None
     """Replaces the shipped weights."""
-    bits: Annotated[int, Field(ge=9, le=16)] = 16
-    """Bits a pixel of the camera that wrote files of 16 bits."""
+    bits: Annotated[int, Field(ge=9, le=16)] | None = None
+    """Bits a pixel of the camera that wrote files of 16 bits; by default 16, unless all of them end below 4096."""
     out: OutputPath
 
 

@@ -16,6 +16,7 @@ from stable_baselines3.common.monitor import Monitor
 import laploop  # noqa: F401  registers the environments
 from laploop.assets import ScopeOptics
 from laploop.control import make_controller
+from laploop.envs import DelayRandomization
 from laploop.perception import Rig
 from laploop.studies import CurveCallback, TargetInDepth, Training, evaluate, load_into, verdict, write_result
 
@@ -29,12 +30,13 @@ parser.add_argument("--resume", action="store_true", help="go on from the policy
 options = parser.parse_args()
 
 ENVIRONMENT = "laploop/Track-v1"
-KEYWORDS = {"observation": "depth", "action": "residual", "perception": "oracle", "fidelity": "fast"}
-KEYWORDS["latency_ms"] = options.latency_ms
+KEYWORDS = {"observation": "depth", "action": "residual", "perception": "oracle", "fidelity": "fast", "latency_ms": 0.0}
 
 # The task's own controller would learn the rhythms of breathing and heartbeat; this one holds what it saw last.
 controller = make_controller("track", Rig.from_optics(ScopeOptics()), prediction="none")
-env = TargetInDepth(gym.make(ENVIRONMENT, controller=controller, **KEYWORDS))
+env = gym.make(ENVIRONMENT, controller=controller, **KEYWORDS)
+# Every map is that late, and none is lost: perception itself takes no time.
+env = TargetInDepth(DelayRandomization(env, (options.latency_ms, options.latency_ms), stage="pipeline"))
 
 # A policy begins with a mean of about zero; its exploring, 8 mm/s, is about as fast as the tissue.
 network = {"net_arch": [64, 64], "log_std_init": -2.0}

@@ -17,6 +17,7 @@ from laploop.perception.inference.depth_module import fold_batch_norms, lower_pr
 from laploop.perception.inference.torch_runner import check_device, has_fast_bf16
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.networks.depth_network import DepthNetwork
+from laploop.perception.working_range import WORKING_RANGE_MM
 
 Precision = Literal["auto", "fp32", "bf16"]
 """What the network is computed in."""
@@ -128,7 +129,7 @@ class MaskEstimator(NetworkEstimator):
 
 
 class RangeEstimator(NetworkEstimator):
-    """Marks valid where the depth lies in the range that was trained, for networks without a confidence of their own.
+    """Marks valid where the depth lies in the working range, for networks without a confidence of their own.
 
     The paper takes validity from the reference camera, which a running system does not have. The range flags little: where it
     matters which pixels can be trusted, take an estimator with a confidence.
@@ -139,11 +140,11 @@ class RangeEstimator(NetworkEstimator):
         rig: Rig,
         network: DepthNetwork,
         *,
-        range_mm: tuple[float, float] = (40.0, 160.0),
+        range_mm: tuple[float, float] = WORKING_RANGE_MM,
         device: str = "cpu",
         precision: Precision = "auto",
     ) -> None:
-        """Take over a network; the default range is that of the training data. Other arguments: see `NetworkEstimator`.
+        """Take over a network; the default range is the working range. Other arguments: see `NetworkEstimator`.
 
         Raises:
             InvalidValueError: If the range is empty; further errors are those of `NetworkEstimator`.

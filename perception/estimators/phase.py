@@ -12,6 +12,7 @@ from laploop.perception.carrier import StripeCarrier, gaussian_matrix
 from laploop.perception.estimators.base import check_image
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate
+from laploop.perception.working_range import WORKING_RANGE_MM
 
 Millimetres = Annotated[float, Field(gt=0.0, le=10_000.0)]
 
@@ -20,9 +21,9 @@ Millimetres = Annotated[float, Field(gt=0.0, le=10_000.0)]
 class PhaseConfig:
     """How the phase is read, and which pixels are valid."""
 
-    nearest_mm: Millimetres = 60.0
+    nearest_mm: Millimetres = WORKING_RANGE_MM[0]
     """Near end of the turn of phase that is taken to be the right one; the far end follows from the rig (195 mm)."""
-    farthest_mm: Millimetres = 160.0
+    farthest_mm: Millimetres = WORKING_RANGE_MM[1]
     """Depths beyond are invalid; a turn later the tool, close to the scope, would look as far away as this."""
     window_periods: Annotated[float, Field(gt=0.0, le=10.0)] = 0.6
     """Standard deviation of the Gaussian window along the stripes' x, in periods: about one is a fair default, less keeps
@@ -110,7 +111,8 @@ class PhaseEstimator:
         seen = self.demodulate(image)
         farthest_turns = self._carrier.turns_metre / (1e-3 * config.nearest_mm) - 1.0
         turns = farthest_turns + np.mod(seen.fraction - farthest_turns, 1.0)
-        depth_mm = 1e3 * self._carrier.turns_metre / np.maximum(turns, 1e-3)
+        # On a rig whose turn ends beyond infinity, what is never valid gets a number of the order of the others.
+        depth_mm = 1e3 * self._carrier.turns_metre / np.maximum(turns, 0.5e3 * self._carrier.turns_metre / config.farthest_mm)
         mm_per_turn = 1e-3 * depth_mm**2 / self._carrier.turns_metre
         valid = (
             (seen.amplitude >= config.min_amplitude)

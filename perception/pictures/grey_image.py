@@ -15,6 +15,7 @@ from laploop.perception.estimators.base import to_eight_bits
 SUFFIXES = (".png", ".tif", ".tiff")
 _MODES = frozenset({"L", "I;16", "I;16B", "I;16L", "LA", "P", "RGB", "RGBA"})
 """Pillow's names of 8 and 16 bits a channel."""
+_LEVELS_OF_12_BITS = 4096
 
 
 def list_pictures(folder: Path | str) -> list[Path]:
@@ -51,23 +52,42 @@ def read_grey(path: Path, size: tuple[int, int], *, bits: int | None = None) -> 
         MissingFileError: If there is no such file.
         InvalidValueError: If it is not such a picture, has another size or a colour, or a grey value exceeds `bits`.
     """
+    return _in_eight_bits(path, _grey_values(path, size), bits)
+
+
+def check_pictures(paths: Sequence[Path], size: tuple[int, int], *, bits: int | None = None) -> None:
+    """Read all pictures once, so that a bad one is reported before any work; raises as `read_grey` does.
+
+    Files of 16 bits without a grey value of 4096 or more are refused unless `bits` is given: those of a camera of 10 or 12 bits
+    would be read as nearly black. One of 14 bits cannot be told from a dark picture of 16.
+    """
+    brightest = 0
+    for path in paths:
+        grey = _grey_values(path, size)
+        _in_eight_bits(path, grey, bits)
+        if grey.dtype == np.uint16:
+            brightest = max(brightest, int(grey.max()))
+    if bits is None and 0 < brightest < _LEVELS_OF_12_BITS:
+        allowed = f"{_LEVELS_OF_12_BITS} or more, or the camera's bits: --bits 12 if it has 12, --bits 16 if they are that dark"
+        raise InvalidValueError("brightest grey value of the pictures of 16 bits", brightest, allowed)
+
+
+def _grey_values(path: Path, size: tuple[int, int]) -> NDArray[Any]:
+    """Return the grey values of a file, of 8 or 16 bits."""
     content = _checked_content(path, size)
     values = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
     if values is None or values.dtype not in {np.dtype(np.uint8), np.dtype(np.uint16)}:
         raise InvalidValueError("image", str(path), "a PNG or TIFF of 8 or 16 bits that can be read")
-    grey = _one_channel(path, values)
+    return np.ascontiguousarray(_one_channel(path, values))
+
+
+def _in_eight_bits(path: Path, grey: NDArray[Any], bits: int | None) -> NDArray[np.uint8]:
     if grey.dtype == np.uint8:
-        return np.ascontiguousarray(grey)
+        return grey
     try:
-        return to_eight_bits(np.ascontiguousarray(grey), 16 if bits is None else bits)
+        return to_eight_bits(grey, 16 if bits is None else bits)
     except InvalidValueError as error:
         raise error.at(str(path), ": ") from error
-
-
-def check_pictures(paths: Sequence[Path], size: tuple[int, int], *, bits: int | None = None) -> None:
-    """Read all pictures once, so that a bad one is reported before any work; raises as `read_grey` does."""
-    for path in paths:
-        read_grey(path, size, bits=bits)
 
 
 def _checked_content(path: Path, size: tuple[int, int]) -> NDArray[np.uint8]:

@@ -19,7 +19,7 @@ from laploop.errors import UnknownNameError, WorkerError
 from laploop.studies.episodes.trials import wilson_interval
 from laploop.studies.learners.curve import CURVE, read_curve
 from laploop.studies.learners.evaluation import RESULT, Training, evaluate, write_result
-from laploop.studies.sweeps.bootstrap import Estimate, estimate
+from laploop.studies.sweeps.bootstrap import Estimate, nested_estimate
 from laploop.whole_file import whole_file
 
 SEEDS = 3
@@ -33,11 +33,11 @@ _HEADS = (
     "method",
     "steps",
     "seeds x episodes",
-    "success (95 %)",
+    "success (95 %), each training",
     "return",
     "error at the end",
     "worst force, mean",
-    "training, CPU",
+    "training, CPU / wall",
 )
 
 
@@ -136,29 +136,35 @@ def thinned(folder: Path) -> dict[str, list[float | None]]:
 
 
 def baselines_table(runs: Mapping[str, Any]) -> str:
-    """Return the runs as a Markdown table, a line for each task and method: episodes of all its seeds together."""
+    """Return the runs as a Markdown table, a line for each task and method.
+
+    The interval of the success is Wilson's over all episodes, that of a mean the bootstrap's over trainings and episodes.
+    """
     lines = [
         f"| {' | '.join(_HEADS)} |",
         "|" + "---|" * len(_HEADS),
     ]
-    groups: dict[tuple[str, str], list[Any]] = {}
+    groups: dict[tuple[str, str], dict[int, Any]] = {}
     for run in runs.values():
-        groups.setdefault((run["environment"], run["method"]), []).append(run)
-    for (environment, method), group in groups.items():
-        pooled = {key: [value for run in group for value in run["episodes"][key]] for key in _ROWS}
-        successes, trials = sum(pooled["success"]), len(pooled["success"])
+        # What does not learn is the same beside every training.
+        groups.setdefault((run["environment"], run["method"]), {}).setdefault(run["seed"], run)
+    for (environment, method), by_seed in groups.items():
+        group = list(by_seed.values())
+        each = [run["episodes"]["success"] for run in group]
+        successes, trials = sum(map(sum, each)), sum(map(len, each))
         low, high = wilson_interval(successes, trials)
-        seconds = float(np.mean([run["cpu_s"] for run in group]))
+        cpu_s, wall_s = (float(np.mean([run[key] for run in group])) for key in ("cpu_s", "wall_s"))
         cells = [
             environment.rpartition("/")[2],
             method,
             f"{group[0]['steps']:,}".replace(",", " ") if group[0]["steps"] else "",
             f"{len(group)} x {trials // len(group)}",
-            f"{100 * successes / trials:.0f} % ({100 * low:.0f}-{100 * high:.0f})",
-            _mean(estimate(pooled["total_return"]), 2),
-            f"{_mean(estimate(pooled['error_mm']), 2)} mm",
-            f"{_mean(estimate(pooled['force_n']), 2)} N",
-            _time(seconds) if seconds else "",
+            f"{100 * successes / trials:.0f} % ({100 * low:.0f}-{100 * high:.0f}): "
+            + ", ".join(f"{100 * np.mean(one):.0f}" for one in each),
+            _mean(_pooled(group, "total_return")),
+            f"{_mean(_pooled(group, 'error_mm'))} mm",
+            f"{_mean(_pooled(group, 'force_n'))} N",
+            f"{_time(cpu_s)} / {_time(wall_s)}" if cpu_s else "",
         ]
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
@@ -168,8 +174,12 @@ def _time(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 60.0 else f"{seconds / 60.0:.0f} min"
 
 
-def _mean(found: Estimate | None, digits: int) -> str:
-    return "" if found is None else f"{found.mean:.{digits}f} ({found.low:.{digits}f} to {found.high:.{digits}f})"
+def _pooled(group: Sequence[Mapping[str, Any]], key: str) -> Estimate | None:
+    return nested_estimate([run["episodes"][key] for run in group])
+
+
+def _mean(found: Estimate | None) -> str:
+    return "" if found is None else f"{found.mean:.2f} ({found.low:.2f} to {found.high:.2f})"
 
 
 def main(arguments: Sequence[str]) -> None:

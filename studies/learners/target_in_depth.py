@@ -25,7 +25,8 @@ class TargetInDepth(gym.ObservationWrapper[Any, Any, Any]):
     The target's place and the normal there are read in the first map. From then on the tool may hide it, so the motion of all
     tissue along the view is taken for that of the target. The observation is the vector of the robot's own
     senses, then, scaled as in `laploop.envs.learning.encoding`: the way from the tip to the target as it was when the frame was
-    taken (3), its normal (3), and how fast the tissue went along the view between the two newest frames (1).
+    taken (3), its normal (3), and how fast the tissue went along the view between the two newest maps that differ (1). They are
+    taken to be as many decisions apart as the older one was shown for, the first two of an episode one.
     """
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
@@ -49,15 +50,22 @@ class TargetInDepth(gym.ObservationWrapper[Any, Any, Any]):
         depth_m = decode_depth(observed["depth"]).astype(np.float64) * 1e-3
         pixel = self._layout.decode(observed["proprioception"])["target_pixel"]
         self._first, self._shift = depth_m[::_EVERY, ::_EVERY], 0.0
+        self._map, self._shown, self._speed = self._first, 0, 0.0
         self._target, self._normal = self._patch(depth_m, pixel)
         return self.observation(observed), info
 
     def observation(self, observation: dict[str, Any]) -> Float32:
         """Return the vector."""
         depth_m = decode_depth(observation["depth"][::_EVERY, ::_EVERY]).astype(np.float64) * 1e-3
-        shift = self._moved(depth_m - self._first)
-        speed = (shift - self._shift) / self._decision_s
-        self._shift = shift
+        self._shown += 1
+        shift = self._shift
+        if not np.array_equal(depth_m, self._map, equal_nan=True):
+            shift = self._moved(depth_m - self._first)
+            # The first map is shown until whatever is on its way behind it arrives, which says nothing of the time between.
+            decisions = 1 if self._map is self._first else self._shown
+            self._speed = (shift - self._shift) / (decisions * self._decision_s)
+            self._map, self._shift, self._shown = depth_m, shift, 0
+        speed = self._speed
         tip = self._layout.decode(observation["proprioception"])["tip_position"]
         way = (self._target + np.array([0.0, 0.0, shift]) - tip) / SCALES["to_target"].scale
         seen = np.append(np.concatenate([way, self._normal]), speed / SCALES["tissue_velocity"].scale)

@@ -34,6 +34,22 @@ def estimate(values: Sequence[float | None]) -> Estimate | None:
     return _with_interval(float(known.mean()), means, known.size)
 
 
+def nested_estimate(groups: Sequence[Sequence[float]]) -> Estimate | None:
+    """Return the mean over groups of episodes, as of several trainings, with the interval of resampled groups and episodes.
+
+    Episodes of a training share its policy: taken for independent, they would make the interval too narrow.
+    """
+    known = [np.asarray(group, dtype=np.float64) for group in groups if len(group)]
+    if not known:
+        return None
+    rng = np.random.default_rng([len(known), sum(map(len, known))])
+    means = np.empty(RESAMPLES)
+    for number in range(RESAMPLES):
+        drawn = (known[index] for index in rng.integers(0, len(known), len(known)))
+        means[number] = np.mean([rng.choice(group, group.size).mean() for group in drawn])
+    return _with_interval(float(np.mean([group.mean() for group in known])), means, sum(map(len, known)))
+
+
 def difference(values: Sequence[float | None], base: Sequence[float | None], *, paired: bool) -> Estimate | None:
     """Return how much larger the mean is than that of a base; None if either is missing.
 

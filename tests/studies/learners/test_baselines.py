@@ -1,4 +1,5 @@
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,10 +53,15 @@ def test_every_method_has_its_script():
 def test_seeds_of_a_method_share_a_line(runs):
     lines = baselines_table(collected(runs)).splitlines()
     assert lines[2] == (
-        "| Reach-v1 | ppo | 40 000 | 2 x 10 | 90 % (70-97) | 2.50 (2.50 to 2.50) | 0.50 (0.50 to 0.50) mm | "
-        "0.20 (0.20 to 0.20) N | 10 min |"
+        "| Reach-v1 | ppo | 40 000 | 2 x 10 | 90 % (70-97): 100, 80 | 2.50 (2.50 to 2.50) | 0.50 (0.50 to 0.50) mm | "
+        "0.20 (0.20 to 0.20) N | 10 min / 12 min |"
     )
-    assert lines[3].startswith("| Track-v1 | scripted |  | 1 x 1 | 100 % (21-100) |")
+    assert lines[3].startswith("| Track-v1 | scripted |  | 1 x 1 | 100 % (21-100): 100 |")
+
+
+def test_what_does_not_learn_counts_once(runs):
+    shutil.copytree(runs / "residual-0", runs / "residual-1")
+    assert baselines_table(collected(runs)).splitlines()[3].startswith("| Track-v1 | scripted |  | 1 x 1 |")
 
 
 def test_a_curve_is_thinned_by_means_over_equal_parts(runs):

@@ -46,3 +46,17 @@ def test_the_speed_is_that_of_the_tissue(env):
 def test_other_observations_are_refused():
     with pytest.raises(InvalidValueError, match="observation"):
         TargetInDepth(gym.make("laploop/Track-v1", observation="state"))
+
+
+def test_the_speed_is_that_of_the_tissue_where_frames_are_lost():
+    # Perception takes four frames' time, and looks at every fourth frame.
+    env = TargetInDepth(gym.make("laploop/Track-v1", observation="depth", perception="oracle", fidelity="fast", latency_ms=150.0))
+    env.reset(seed=6)
+    told, speeds = [], []
+    for _ in range(60):
+        observation, *_, info = env.step(np.zeros(3, np.float32))
+        told.append(seen(env, observation)[2])
+        speeds.append(info["privileged"][8] * 0.06)
+    env.close()
+    # What it tells is late by up to 330 ms, and no faster than tissue goes; how far the first two maps are apart is not known.
+    assert 0.5 * np.abs(speeds).max() < np.abs(told[8:]).max() < 1.2 * np.abs(speeds).max()

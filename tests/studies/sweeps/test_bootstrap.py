@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from laploop.studies.sweeps.bootstrap import difference, estimate
+from laploop.studies.sweeps.bootstrap import difference, estimate, nested_estimate
 
 
 def test_the_interval_has_the_width_of_the_standard_error():
@@ -27,3 +27,14 @@ def test_an_unmeasured_episode_leaves_its_pair_out():
     assert difference([None], [1.0], paired=True) is None
     assert estimate([None]) is None
     assert estimate([1.0, 2.0]) == estimate([1.0, 2.0])
+
+
+def test_groups_that_differ_widen_the_interval():
+    rng = np.random.default_rng(3)
+    alike = [rng.normal(1.0, 0.1, 50) for _ in range(3)]
+    apart = [values + offset for values, offset in zip(alike, (-1.0, 0.0, 1.0), strict=True)]
+    narrow, wide = nested_estimate(alike), nested_estimate(apart)
+    assert wide.mean == pytest.approx(narrow.mean)
+    assert wide.high - wide.low > 5.0 * (narrow.high - narrow.low)
+    assert nested_estimate([[], []]) is None
+    assert nested_estimate([[2.0], []]).mean == 2.0
