@@ -109,3 +109,12 @@ def test_image_of_another_size_or_type_is_refused(rig, image):
 def test_settings_out_of_range_are_refused(change):
     with pytest.raises(InvalidValueError):
         PhaseConfig(**change)
+
+
+def test_depth_stays_finite_on_a_rig_whose_turn_ends_beyond_infinity(render):
+    # A baseline over a period of 46 mm: at 60 mm the stripes are less than a turn of phase away from infinity.
+    rig = Rig.from_optics(ScopeOptics(baseline_m=0.0026))
+    depth = np.full((256, 256), 0.1)
+    estimate = PhaseEstimator(rig=rig).estimate(render(rig, depth))
+    assert estimate.depth_mm.max() <= 280.1
+    assert not estimate.valid[estimate.depth_mm > 140.0].any()

@@ -107,3 +107,13 @@ def test_pictures_of_a_folder_come_by_name(tmp_path, grey):
     (tmp_path / "empty").mkdir()
     with pytest.raises(InvalidValueError, match="0; allowed: 1 or more"):
         list_pictures(tmp_path / "empty")
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+def test_deep_pictures_without_a_bright_value_need_the_cameras_bits(tmp_path, bits):
+    deep = np.random.default_rng(0).integers(0, 2**bits, SIZE).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / "deep.png"), deep)
+    with pytest.raises(InvalidValueError, match=rf"brightest grey value .* is {deep.max()}; allowed: 4096 or more.*--bits 12"):
+        check_pictures([tmp_path / "deep.png"], SIZE)
+    check_pictures([tmp_path / "deep.png"], SIZE, bits=bits)
+    check_pictures([tmp_path / "deep.png"], SIZE, bits=16)

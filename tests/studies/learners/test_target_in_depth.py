@@ -50,7 +50,9 @@ def test_other_observations_are_refused():
 
 def test_the_speed_is_that_of_the_tissue_where_frames_are_lost():
     # Perception takes four frames' time, and looks at every fourth frame.
-    env = TargetInDepth(gym.make("laploop/Track-v1", observation="depth", perception="oracle", fidelity="fast", latency_ms=150.0))
+    env = TargetInDepth(
+        gym.make("laploop/Track-v1", observation="depth", perception="oracle", fidelity="fast", latency_ms=150.0)
+    )
     env.reset(seed=6)
     told, speeds = [], []
     for _ in range(60):
