@@ -22,7 +22,7 @@ from laploop.perception.data.imported_pair_store import ImportedPairStore
 from laploop.perception.data.pair_list import LIST, PairList
 from laploop.perception.data.point_cloud import Unit, read_cloud
 from laploop.perception.geometry import transform_points
-from laploop.perception.pictures.grey_image import read_grey
+from laploop.perception.pictures.grey_image import check_pictures, read_grey
 from laploop.perception.pictures.undistortion import Undistortion
 from laploop.perception.reprojection import BrownDistortion
 
@@ -44,8 +44,8 @@ class PairImport:
     """A calibration.json with scope, projector, reference camera and scope_from_reference."""
     unit: Unit
     """What the clouds' coordinates are in."""
-    bits: Annotated[int, Field(ge=9, le=16)] = 16
-    """Bits a pixel of the camera that wrote pictures of 16 bits."""
+    bits: Annotated[int, Field(ge=9, le=16)] | None = None
+    """Bits a pixel of the camera that wrote pictures of 16 bits; by default 16, unless all of them end below 4096."""
 
 
 class PairImporter:
@@ -84,8 +84,8 @@ class PairImporter:
             InvalidValueError: If one cannot be read, has another size, or no point is seen by the scope; it is named.
         """
         self._points = []
+        check_pictures([pair.image for pair in self.list.pairs], self._size, bits=self.config.bits)
         for number in range(len(self)):
-            self._image(number)
             self._points.append(len(self._cloud(number)))
             if report is not None:
                 report(number + 1)
@@ -142,9 +142,13 @@ class PairImporter:
             config=recipe,
         )
 
-    def _image(self, number: int) -> NDArray[np.uint8]:
+    @property
+    def _size(self) -> tuple[int, int]:
         camera = self._record.scope.intrinsics
-        return read_grey(self.list.pairs[number].image, (camera.height, camera.width), bits=self.config.bits)
+        return camera.height, camera.width
+
+    def _image(self, number: int) -> NDArray[np.uint8]:
+        return read_grey(self.list.pairs[number].image, self._size, bits=self.config.bits)
 
     def _cloud(self, number: int) -> NDArray[np.float32]:
         """Return the points of a pair that the scope sees, or that lie close to its view."""
