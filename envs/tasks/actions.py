@@ -113,6 +113,12 @@ class ActionInterpreter:
         if self._controller is not None:
             self._controller.reset()
 
+    @property
+    def depth_jump_fraction(self) -> float | None:
+        """What the controller that residuals are added to rejects of the newest depth; None where none acts, or it has none."""
+        fraction: float | None = getattr(self._controller, "depth_jump_fraction", None)
+        return fraction
+
     def velocity(self, action: Array, known: Callable[[], ControlInput]) -> Array:
         """Return the velocity of the moved tip, (3,) m/s along the camera's axes, that a checked action stands for.
 

@@ -62,9 +62,11 @@ class TaskEnv(SavableEnv, Generic[ConfigT]):
     `info` holds `target_error_mm`, `rcm_error_mm` (`camera`, `tool`: worst of the period's physics steps), `port_force_n` and
     `port_friction_n` (likewise, of the trocar's wall and seal), `contact_force_n` (likewise), `depth_mae_mm` and
     `depth_valid_fraction` (both on the tissue; None while nobody uses depth maps: neither observations, the mode `residual`,
-    recorder nor a call of `control_input`), `depth_age_ms`, `sim_s`, `frames`, `dropped_frames`, `frame_times` (`FrameTimes` of
-    the newest frame that a control tick knew, or None), `status` and `status_reason` (of the inverse kinematics), `fault` (why
-    the command was not followed, or None), `injected_faults`, `assessed`, `success`, `terminated_by`, `reward_terms`.
+    recorder nor a call of `control_input`), `depth_jump_fraction` (of the target's surroundings, what a controller within the
+    environment rejects, since its depth jumped; None without one), `depth_age_ms`, `sim_s`, `frames`, `dropped_frames`,
+    `frame_times` (`FrameTimes` of the newest frame that a control tick knew, or None), `status` and `status_reason` (of the
+    inverse kinematics), `fault` (why the command was not followed, or None), `injected_faults`, `assessed`, `success`,
+    `terminated_by`, `reward_terms`.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  Gymnasium's own convention
@@ -360,6 +362,7 @@ class TaskEnv(SavableEnv, Generic[ConfigT]):
             "contact_force_n": self.loop.max_force_n,
             "depth_mae_mm": self._depth_mae_mm,
             "depth_valid_fraction": self._depth_valid_fraction,
+            "depth_jump_fraction": self._interpreter.depth_jump_fraction,
             "depth_age_ms": served.age_ns(self.loop.now_ns) * 1e-6,
             "sim_s": self.loop.now_ns * 1e-9,
             "frames": self.loop.frame_count,

@@ -7,6 +7,7 @@ from laploop.control.controllers.registry import make_controller
 from laploop.envs.tasks.actions import action_bound
 from laploop.envs.theatre.theatre import Theatre
 from laploop.errors import InvalidValueError
+from laploop.perception.messages import DepthEstimate
 
 PERIOD_S = 0.008
 
@@ -61,6 +62,31 @@ def test_a_residual_of_zero_is_the_scripted_controller(task_env):
         one, *_ = scripted.step(controller.command(scripted.control_input()))
         other, *_ = residual.step(np.zeros(3, np.float32))
         np.testing.assert_array_equal(one["tip_position"], other["tip_position"])
+
+
+def test_depth_that_jumps_is_told():
+    from laploop.envs.tasks.configs import ReachConfig
+    from laploop.envs.tasks.reach import ReachEnv
+
+    class Slipping:
+        """A wall that comes out a stripe too far away from the third frame on."""
+
+        frames = 0
+
+        def estimate(self, image):
+            self.frames += 1
+            depth_mm = np.full(image.shape, 90.0 if self.frames < 3 else 110.0, dtype=np.float32)
+            return DepthEstimate(depth_mm=depth_mm, valid=np.ones(image.shape, dtype=bool))
+
+    env = ReachEnv(ReachConfig(action_mode="residual"), perception=Slipping())
+    told = [env.reset(seed=0)[1]["depth_jump_fraction"]]
+    told += [env.step(np.zeros(3, np.float32))[4]["depth_jump_fraction"] for _ in range(30)]
+    env.close()
+    assert told[:5] == [0.0] * 5
+    assert told[-1] > 0.9
+    plain = ReachEnv(ReachConfig(), perception="oracle")
+    assert plain.reset(seed=0)[1]["depth_jump_fraction"] is None
+    plain.close()
 
 
 def test_a_residual_adds_to_a_users_own_controller():
