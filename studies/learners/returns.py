@@ -17,10 +17,11 @@ from laploop.envs.learning.learner_env import LearnerEnv
 from laploop.envs.tasks.registry import TASKS, environment_id
 from laploop.studies.demonstrations.expert import Expert
 from laploop.studies.learners.evaluation import EpisodeScore, Policy, score_episode
+from laploop.studies.sweeps.bootstrap import estimate
 from laploop.whole_file import whole_file
 
 PolicyName = Literal["zero", "random", "scripted"]
-SEEDS = 3
+SEEDS = 10
 """Episodes of each policy."""
 CONDITIONS: dict[str, Any] = {"perception": "oracle", "fidelity": "fast"}
 """Keywords of the environments; all else is as it is by default."""
@@ -68,12 +69,17 @@ def _summary(episodes: Sequence[EpisodeScore]) -> dict[str, Any]:
 
 
 def returns_table(tasks: dict[str, Any]) -> str:
-    """Return the measured tasks as a Markdown table."""
+    """Return the measured tasks as a Markdown table: mean returns with the bootstrap's 95 % interval over seeds."""
     lines = ["| task | zero | random | scripted | scripted, success |", "|---|---|---|---|---|"]
     for task, row in tasks.items():
-        means = [f"{row[policy]['mean_return']:.2f}" for policy in get_args(PolicyName)]
+        means = [_with_interval(row[policy]["returns"]) for policy in get_args(PolicyName)]
         lines.append(f"| {task} | {' | '.join(means)} | {100 * row['scripted']['success_rate']:.0f} % |")
     return "\n".join(lines)
+
+
+def _with_interval(returns: Sequence[float]) -> str:
+    found = estimate(returns)
+    return "" if found is None else f"{found.mean:.2f} ({found.low:.2f} to {found.high:.2f})"
 
 
 def main(arguments: Sequence[str]) -> None:
