@@ -118,4 +118,5 @@ def _scores(sums: Array) -> Array:
     tenths = sums.reshape(len(sums), TENTHS, -1, 4).sum(axis=2)
     totals = np.stack([(sums[:, ::-1, 0] * risk).sum(axis=1), np.abs(tenths[..., 3] - tenths[..., 2]).sum(axis=1)], axis=1)
     pixels = falling[:, -1:, 0]
-    return np.divide(totals, pixels, out=np.full_like(totals, np.nan), where=pixels > 0.0)
+    scores: Array = np.divide(totals, pixels, out=np.full_like(totals, np.nan), where=pixels > 0.0)
+    return scores
