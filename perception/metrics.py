@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from laploop.errors import InvalidValueError
+from laploop.perception.bootstrap import bootstrap_ends, one_nan
 from laploop.perception.surface_measures import SurfaceErrors, with_neighbours
 from laploop.perception.working_range import SLIP_FRACTION
 
@@ -197,10 +198,7 @@ class MetricsInterval:
 def bootstrap_interval(
     sums: NDArray[np.float64], rng: np.random.Generator, *, resamples: int = 1000, confidence: float = 0.95
 ) -> MetricsInterval:
-    """Bootstrap the metrics over groups (percentile method; Efron and Tibshirani, 1993, section 13.3).
-
-    Whole groups are drawn with replacement, for pixels and frames of one tissue are far from independent. `pixels` of both
-    ends is that of the data.
+    """Bootstrap the metrics over groups, as `bootstrap_ends` does; `pixels` of both ends is that of the data.
 
     Args:
         sums: (groups, SUMS), the `DepthErrors.sums` of each group; groups without pixels are left out.
@@ -211,26 +209,11 @@ def bootstrap_interval(
     Raises:
         InvalidValueError: If the number of draws or the confidence is impossible.
     """
-    if not isinstance(resamples, int) or resamples < 1:
-        raise InvalidValueError("resamples", resamples, "an integer, 1 or more")
-    if not 0.0 < confidence < 1.0:
-        raise InvalidValueError("confidence", confidence, "above 0 and below 1")
     counted = sums[sums[:, 0] > 0]
-    pixels = int(counted[:, 0].sum()) if len(counted) else 0
-    if len(counted) < 2:
-        nothing = _metrics(pixels, np.full(len(_NAMES), np.nan))
-        return MetricsInterval(low=nothing, high=nothing)
-    draws = rng.multinomial(len(counted), np.full(len(counted), 1.0 / len(counted)), size=resamples) @ counted
-    tail = 50.0 * (1.0 - confidence)
-    means = _means(draws)
-    ends = np.full((2, len(_NAMES)), np.nan)
-    # A draw may hold no pixel of a kind that few groups have; it says nothing about them.
-    known = np.isfinite(means)
-    whole = known.all(axis=0)
-    ends[:, whole] = np.percentile(means[:, whole], (tail, 100.0 - tail), axis=0)
-    for place in np.flatnonzero(known.any(axis=0) & ~whole):
-        ends[:, place] = np.percentile(means[known[:, place], place], (tail, 100.0 - tail))
-    low, high = (_metrics(pixels, end) for end in ends)
+    pixels = int(counted[:, 0].sum())
+    low, high = (
+        _metrics(pixels, end) for end in bootstrap_ends(counted, _means, rng, resamples=resamples, confidence=confidence)
+    )
     return MetricsInterval(low=low, high=high)
 
 
@@ -244,9 +227,7 @@ def _means(sums: NDArray[np.float64]) -> NDArray[np.float64]:
 def _metrics(pixels: int, means: NDArray[np.float64]) -> DepthMetrics:
     values = dict(zip(_NAMES, means.tolist(), strict=True))
     values["rmse_mm"] = math.sqrt(values["rmse_mm"])
-    # One NaN for all, so that the metrics of two runs compare equal.
-    values = {name: math.nan if math.isnan(value) else value for name, value in values.items()}
-    return DepthMetrics(pixels=pixels, **values)
+    return DepthMetrics(pixels=pixels, **{name: one_nan(value) for name, value in values.items()})
 
 
 def depth_metrics(estimate_mm: NDArray[np.float32], truth_mm: NDArray[np.float32], mask: NDArray[np.bool_]) -> DepthMetrics:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from laploop.errors import InvalidValueError
+from laploop.perception.bootstrap import Bounded, bounded
 from laploop.perception.working_range import WITHIN_MM
 
 Array = NDArray[np.float64]
@@ -65,17 +66,12 @@ class ReliabilityErrors:
     @property
     def aurc_mm(self) -> float:
         """Area under risk against coverage, mm; NaN without pixels."""
-        coverage, risk = self._curve()
-        if not len(coverage):
-            return math.nan
-        return float((np.diff(coverage, prepend=0.0) * risk).sum())
+        return float(_scores(self.sums[np.newaxis])[0, 0])
 
     @property
     def calibration_error(self) -> float:
         """Mean difference of predicted and seen rate over all pixels, by tenths (ECE); NaN without pixels."""
-        bins = [part for part in self.tenths() if part.pixels]
-        pixels = sum(part.pixels for part in bins)
-        return sum(part.pixels * abs(part.predicted - part.seen) for part in bins) / pixels if pixels else math.nan
+        return float(_scores(self.sums[np.newaxis])[0, 1])
 
     def risk_mm(self, coverages: Array) -> Array:
         """Return the mean absolute error of the most confident pixels at some coverages, from above 0 to 1."""
@@ -104,3 +100,23 @@ class ReliabilityErrors:
         if not len(admitted):
             return admitted, admitted
         return admitted / admitted[-1], np.cumsum(falling[:, 1]) / admitted
+
+
+def bounded_scores(sums: Array, rng: np.random.Generator, *, resamples: int = 1000) -> tuple[Bounded, Bounded]:
+    """Return AURC (mm) and calibration error with their intervals over groups such as scenes.
+
+    `sums` are the `ReliabilityErrors.sums` of each group, (groups, ...); groups without pixels are not drawn.
+    """
+    aurc_mm, calibration_error = bounded(sums[sums[:, :, 0].any(axis=1)], _scores, rng, resamples=resamples)
+    return aurc_mm, calibration_error
+
+
+def _scores(sums: Array) -> Array:
+    """Return AURC and calibration error, (draws, 2), of sums (draws, bins, 4)."""
+    falling = np.cumsum(sums[:, ::-1, :2], axis=1)
+    risk = np.divide(falling[..., 1], falling[..., 0], out=np.zeros_like(falling[..., 0]), where=falling[..., 0] > 0.0)
+    tenths = sums.reshape(len(sums), TENTHS, -1, 4).sum(axis=2)
+    totals = np.stack([(sums[:, ::-1, 0] * risk).sum(axis=1), np.abs(tenths[..., 3] - tenths[..., 2]).sum(axis=1)], axis=1)
+    pixels = falling[:, -1:, 0]
+    scores: Array = np.divide(totals, pixels, out=np.full_like(totals, np.nan), where=pixels > 0.0)
+    return scores

@@ -1,7 +1,8 @@
 """Turns of phase, the stripe order that makes them whole, and depth.
 
 A wrapped phase fits one depth a turn. Few of these lie in the working range, with the nominal rig a single one: the order is
-chosen among those, so that a slip to a neighbouring stripe cannot happen where the range is shorter than a turn.
+chosen among those, so that the phase cannot slip to a neighbouring stripe where the range is shorter than a turn. What a
+network puts in the phase's place where it cannot be read is bound by `limit_turns` alone.
 
 Tensors are (B, height, width), `turns_metre` the factor b / tau of every rig, (B, 1, 1).
 """

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from laploop.perception.bootstrap import bounded_ratio
 from laploop.perception.metrics import SUMS, DepthErrors, bootstrap_interval
-from laploop.studies.depth.table import AGAINST, DepthRow
+from laploop.studies.depth.table import AGAINST, BOUNDED, DepthRow
 
 SETS = ("every", "valid", "lit")
 """Pixels that count: all, those that the model marks valid, those that the projector reaches."""
@@ -30,6 +31,7 @@ class ErrorTally:
         self._groups = tuple(groups)
         self._tissues = tissues
         self._sums: dict[tuple[str, str], NDArray[np.float64]] = {}
+        self._ratios: dict[tuple[str, str], NDArray[np.float64]] = {}
         self._counted: dict[tuple[str, str], NDArray[np.float64]] = {}
         self._frames = np.zeros(len(groups), dtype=np.intp)
 
@@ -38,13 +40,34 @@ class ErrorTally:
         self._frames[list(places)] += 1
 
     def add(
-        self, model: str, against: str, errors: Mapping[str, DepthErrors], *, pixels: int, places: Sequence[int], tissue: int
+        self,
+        model: str,
+        against: str,
+        errors: Mapping[str, DepthErrors],
+        *,
+        ratios: Mapping[str, tuple[float, float]],
+        pixels: int,
+        places: Sequence[int],
+        tissue: int,
     ) -> None:
-        """Add one frame's errors of each of `SETS`; `pixels` count in it, and it belongs to the groups `places`."""
+        """Add one frame's errors of each of `SETS`.
+
+        Args:
+            model: Whose errors they are.
+            against: One of `AGAINST`.
+            errors: By set.
+            ratios: The two sums of those of `BOUNDED` that are known.
+            pixels: How many count in the frame.
+            places: The groups that the frame belongs to.
+            tissue: Number of its tissue.
+        """
         key = model, against
         sums = self._sums.setdefault(key, np.zeros((len(self._groups), len(SETS), self._tissues, SUMS)))
         counted = self._counted.setdefault(key, np.zeros(len(self._groups)))
+        parts = self._ratios.setdefault(key, np.zeros((len(self._groups), len(BOUNDED), self._tissues, 2)))
         for place in places:
+            for name, sums_of_ratio in ratios.items():
+                parts[place, BOUNDED.index(name), tissue] += sums_of_ratio
             for which, name in enumerate(SETS):
                 sums[place, which, tissue] += errors[name].sums
             counted[place] += pixels
@@ -60,6 +83,10 @@ class ErrorTally:
             for place, group in enumerate(self._groups):
                 every, valid, lit = (DepthErrors(sums=part.sum(axis=0)).metrics() for part in sums[place])
                 intervals = [bootstrap_interval(part, np.random.default_rng(seed), resamples=resamples) for part in sums[place]]
+                ratios = [
+                    bounded_ratio(part, np.random.default_rng(seed), resamples=resamples)
+                    for part in self._ratios[model, against][place]
+                ]
                 yield DepthRow(
                     model=model,
                     against=against,
@@ -75,5 +102,6 @@ class ErrorTally:
                     lit_fraction=lit.pixels / max(1.0, counted[place]),
                     lit=lit,
                     lit_interval=intervals[2],
+                    **dict(zip(BOUNDED, ratios, strict=True)),
                     note=note(model),
                 )

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +24,16 @@ from laploop.perception.estimators.registry import make_estimator
 from laploop.perception.geometry import Rig
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.metrics import DepthErrors
-from laploop.perception.reliability import ReliabilityErrors
 from laploop.perception.surface_measures import TrueSurface
 from laploop.studies.depth.config import DepthEvaluation
 from laploop.studies.depth.error_tally import SETS, ErrorTally, FrameGroup
-from laploop.studies.depth.table import REFERENCE_ROW, DepthExample, DepthRow, DepthTable
+from laploop.studies.depth.reliability_tally import ReliabilityTally
+from laploop.studies.depth.table import REFERENCE_ROW, DepthExample, DepthRow, DepthTable, ReliabilityRow
 from laploop.studies.depth.table_files import write_table
 
 _SETS = {"exact": ("exact",), "zivid": ("zivid",), "both": ("zivid", "exact-at-zivid", "exact")}
+PHASE = "phase"
+"""The model whose valid pixels all others are measured on too, where it is among them."""
 _KEPT_ESTIMATORS = 16
 """Most rigs of a data set in which every frame has its own for which a model is kept ready."""
 
@@ -94,7 +97,7 @@ def evaluate_depth(
         rows=tuple(row for row in rows if row.family == row.texture == "all"),
         family_rows=tuple(row for row in rows if row.family != "all"),
         texture_rows=tuple(row for row in rows if row.texture != "all"),
-        reliability=evaluation.reliability,
+        reliability=evaluation.reliability_rows(),
         median_ms={name: float(np.median(times)) for name, times in evaluation.times_ms.items()},
         examples=tuple(evaluation.examples),
     )
@@ -140,7 +143,7 @@ class _Evaluation:
         self._floors: dict[Rig, CramerRaoBound] = {}
         self.times_ms: dict[str, list[float]] = {}
         self.examples: list[DepthExample] = []
-        self.reliability: dict[tuple[str, str], ReliabilityErrors] = {}
+        self._reliability = ReliabilityTally([name for name in families if len(families) > 1])
         if isinstance(data, CalibratedPairStore):
             self._scope_from_reference = config.residual.apply(data.calibration.scope_from_reference)
 
@@ -156,14 +159,15 @@ class _Evaluation:
         truths = list(self._truths(index, exact))
         sigma_mm = None if exact is None or not self._config.floor_rows else self._floor_mm(index, image, exact)
         predictions = {name: self._predict(name, estimator, image, exact, truths) for name, estimator in estimators.items()}
+        by_phase = predictions[PHASE][PHASE][0].valid if PHASE in predictions else None
         for number, truth in enumerate(truths):
             estimates = {row: versions[number] for found in predictions.values() for row, versions in found.items()}
             for row, estimate in estimates.items():
-                self._add(row, truth, estimate, index, places)
+                self._add(row, truth, estimate, by_phase, index, places)
             if truth.against == "exact-at-zivid":
                 reference = truths[0].depth_mm
                 seen = DepthEstimate(depth_mm=np.nan_to_num(reference), valid=np.isfinite(reference))
-                self._add(REFERENCE_ROW, truth, seen, index, places)
+                self._add(REFERENCE_ROW, truth, seen, by_phase, index, places)
             if sigma_mm is not None:
                 self._add_floors(index, truth, sigma_mm, places)
             if keep and number == 0:
@@ -184,6 +188,11 @@ class _Evaluation:
         return list(
             self._tally.rows(seed=config.bootstrap_seed, resamples=config.resamples, note=lambda model: _note(model, config))
         )
+
+    def reliability_rows(self) -> tuple[ReliabilityRow, ...]:
+        """Return the rows of the models that have a confidence."""
+        config = self._config
+        return tuple(self._reliability.rows(seed=config.bootstrap_seed, resamples=config.resamples))
 
     def _places(self, index: int, working_distance_mm: float) -> list[int]:
         """Return the groups of frames that a frame belongs to."""
@@ -241,7 +250,15 @@ class _Evaluation:
         self.times_ms.setdefault(name, []).append(1e3 * (time.perf_counter() - began))
         return {row: [checked_estimate(one, image.shape) for one in estimates] for row, estimates in versions.items()}
 
-    def _add(self, model: str, truth: _Truth, estimate: DepthEstimate, index: int, places: Sequence[int]) -> None:
+    def _add(
+        self,
+        model: str,
+        truth: _Truth,
+        estimate: DepthEstimate,
+        by_phase: NDArray[np.bool_] | None,
+        index: int,
+        places: Sequence[int],
+    ) -> None:
         depth_mm, config = estimate.depth_mm, self._config
         masks = dict(zip(SETS, (truth.mask, truth.mask & estimate.valid, truth.lit), strict=True))
         surface, error_mm = truth.surface.compare(depth_mm), depth_mm - truth.depth_mm
@@ -251,10 +268,13 @@ class _Evaluation:
             errors[name].add(depth_mm, truth.depth_mm, mask)
             errors[name].add_surface(surface, error_mm, mask)
         errors["valid"].add_slips(depth_mm, truth.depth_mm, estimate.valid, (config.nearest_mm, config.farthest_mm))
-        self._put(model, truth, errors, index, places)
-        if estimate.confidence is not None:
-            reliability = self.reliability.setdefault((model, truth.against), ReliabilityErrors())
-            reliability.add(estimate.confidence, depth_mm, truth.depth_mm, truth.mask)
+        ratios = {"lit_valid_share": _sums(estimate.valid, truth.lit)}
+        if by_phase is not None:
+            ratios["phase_valid_share"] = _sums(by_phase, truth.mask)
+            ratios["phase_valid_mae_mm"] = _sums(np.abs(error_mm), truth.mask & by_phase)
+        self._put(model, truth, errors, index, places, ratios)
+        family, tissue = self._data.family(index), self._tissue[index]
+        self._reliability.add(model, truth.against, estimate, truth.depth_mm, truth.mask, family=family, tissue=tissue)
 
     def _floor_mm(self, index: int, image: NDArray[np.uint8], exact: NDArray[np.float32]) -> NDArray[np.float64]:
         """Return the floor of a window on one row, NaN where the stripes cannot be read."""
@@ -268,11 +288,24 @@ class _Evaluation:
             errors = DepthErrors()
             # Rows are independent: their information adds up.
             errors.add_expected(sigma_mm / math.sqrt(rows), truth.depth_mm, truth.mask & np.isfinite(sigma_mm))
-            self._put(floor_name(rows), truth, dict.fromkeys(SETS, errors), index, places)
+            self._put(floor_name(rows), truth, dict.fromkeys(SETS, errors), index, places, {})
 
-    def _put(self, model: str, truth: _Truth, errors: Mapping[str, DepthErrors], index: int, places: Sequence[int]) -> None:
-        pixels = int(truth.mask.sum())
-        self._tally.add(model, truth.against, errors, pixels=pixels, places=places, tissue=self._tissue[index])
+    def _put(
+        self,
+        model: str,
+        truth: _Truth,
+        errors: Mapping[str, DepthErrors],
+        index: int,
+        places: Sequence[int],
+        ratios: Mapping[str, tuple[float, float]],
+    ) -> None:
+        pixels, tissue = int(truth.mask.sum()), self._tissue[index]
+        self._tally.add(model, truth.against, errors, ratios=ratios, pixels=pixels, places=places, tissue=tissue)
+
+
+def _sums(values: NDArray[Any], mask: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the sum of values under a mask, and how many there are."""
+    return float(values[mask].sum(dtype=np.float64)), float(mask.sum())
 
 
 def floor_name(rows: int) -> str:

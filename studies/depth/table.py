@@ -2,16 +2,17 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from laploop.errors import InvalidValueError
+from laploop.perception.bootstrap import UNKNOWN, Bounded
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.metrics import DepthMetrics, MetricsInterval
-from laploop.perception.reliability import TENTHS, ReliabilityErrors
+from laploop.perception.reliability import TENTHS, CalibrationBin
 
 AGAINST = {
     "zivid": "the reference camera's reprojected depth, over all pixels of its validity mask",
@@ -22,6 +23,12 @@ AGAINST = {
 
 REFERENCE_ROW = "reference"
 """The reference camera itself, measured against exact depth."""
+
+BOUNDED = ("lit_valid_share", "phase_valid_share", "phase_valid_mae_mm")
+"""Measures of a row that are ratios of two sums."""
+
+COVERAGES = np.arange(1, TENTHS + 1) / TENTHS
+"""Fractions of the pixels, admitted by falling confidence, at which the error is given."""
 
 _INTERVALS = tuple(metric.name for metric in fields(DepthMetrics) if metric.name not in {"pixels", "bias_mm"})
 
@@ -53,6 +60,12 @@ class DepthRow:
     """A family of shapes, or `all`."""
     texture: str = "all"
     """A kind of texture, or `all`."""
+    lit_valid_share: Bounded = UNKNOWN
+    """Fraction of the lit pixels that the model marks valid; unknown where nobody knows them."""
+    phase_valid_share: Bounded = UNKNOWN
+    """Fraction of the pixels that count that `phase` marks valid; unknown where it was not evaluated."""
+    phase_valid_mae_mm: Bounded = UNKNOWN
+    """Mean absolute error over those, whether the model marks them valid or not: the same pixels for all models."""
     note: str = ""
     """Remark on this line."""
 
@@ -60,7 +73,8 @@ class DepthRow:
         """Return the line as a flat dictionary.
 
         Metrics over the pixels that the model marks valid have the prefix `valid_`, over those that the projector reaches
-        `lit_`. `_low` and `_high` are the ends of the 95 % interval; what is unknown is None.
+        `lit_`. `lit_valid_share` and those with `phase_valid_` are as above. `_low` and `_high` are the ends of the 95 %
+        interval; what is unknown is None.
         """
         line: dict[str, object] = {
             "model": self.model,
@@ -73,10 +87,44 @@ class DepthRow:
         line.update(_with_interval("valid_", self.valid, self.valid_interval))
         line["lit_share"] = self.lit_fraction
         line.update(_with_interval("lit_", self.lit, self.lit_interval))
+        for name in BOUNDED:
+            line.update(_flat_bounded(name, getattr(self, name)))
         line["family"], line["texture"] = self.family, self.texture
         line["note"] = self.note
         # A bin without pixels has no error.
         return {name: _known(value) if isinstance(value, float) else value for name, value in line.items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReliabilityRow:
+    """Whether the confidence of one model tells good pixels from bad ones, as `perception/reliability.py` measures it."""
+
+    model: str
+    against: str
+    """One of `AGAINST`."""
+    family: str
+    """A family of shapes, or `all`."""
+    aurc_mm: Bounded
+    calibration_error: Bounded
+    risk_mm: tuple[float, ...]
+    """Mean absolute error of the most confident pixels at `COVERAGES`."""
+    tenths: tuple[CalibrationBin, ...]
+    """Predicted and seen rate within 1 mm by tenths of the confidence."""
+
+    def flat(self) -> dict[str, object]:
+        """Return the row as JSON has it; `_low` and `_high` are the ends of the 95 % interval, what is unknown is None."""
+        return {
+            "model": self.model,
+            "against": self.against,
+            "family": self.family,
+            **_flat_bounded("aurc_mm", self.aurc_mm),
+            **_flat_bounded("calibration_error", self.calibration_error),
+            "coverage": COVERAGES.tolist(),
+            "risk_mm": [_known(risk) for risk in self.risk_mm],
+            "tenths": [
+                {"pixels": part.pixels, "predicted": _known(part.predicted), "seen": _known(part.seen)} for part in self.tenths
+            ],
+        }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,8 +160,8 @@ class DepthTable:
     """Lines of the families of shapes, where the data set has more than one."""
     texture_rows: tuple[DepthRow, ...] = ()
     """Lines of the kinds of texture, where the data set has more than one."""
-    reliability: Mapping[tuple[str, str], ReliabilityErrors] = field(default_factory=dict)
-    """By model and truth, of the models that have a confidence."""
+    reliability: tuple[ReliabilityRow, ...] = ()
+    """Of the models that have a confidence: of all frames, and of families where the data set has more than one."""
 
     def row(self, model: str, working_distance_mm: str = "all", *, against: str | None = None) -> DepthRow:
         """Return one line; without `against`, the first that fits.
@@ -144,12 +192,8 @@ class DepthTable:
         return [row.flat() for row in self.texture_rows]
 
     def reliability_rows(self) -> list[dict[str, object]]:
-        """Return for each model with a confidence, and each truth, what `perception/reliability.py` measures.
-
-        `risk_mm` is the mean absolute error of the most confident tenth, two tenths, ... of the pixels that count; `tenths` are
-        pixels, predicted and seen rate within 1 mm by tenths of the confidence. What is unknown is None.
-        """
-        return [_reliability_row(model, against, errors) for (model, against), errors in self.reliability.items()]
+        """Return the rows of the models with a confidence as flat dictionaries."""
+        return [row.flat() for row in self.reliability]
 
     def error_budget(self) -> dict[str, object] | None:
         """Say how much of the error against the reference camera is the reference's own; None without such rows.
@@ -178,20 +222,6 @@ class DepthTable:
         }
 
 
-def _reliability_row(model: str, against: str, errors: ReliabilityErrors) -> dict[str, object]:
-    coverages = np.arange(1, TENTHS + 1) / TENTHS
-    risks, tenths = errors.risk_mm(coverages).tolist(), errors.tenths()
-    return {
-        "model": model,
-        "against": against,
-        "aurc_mm": _known(errors.aurc_mm),
-        "calibration_error": _known(errors.calibration_error),
-        "coverage": coverages.tolist(),
-        "risk_mm": [_known(risk) for risk in risks],
-        "tenths": [{"pixels": part.pixels, "predicted": _known(part.predicted), "seen": _known(part.seen)} for part in tenths],
-    }
-
-
 def _known(value: float) -> float | None:
     """Return a number, or None for NaN, which neither JSON nor a spreadsheet knows."""
     return None if math.isnan(value) else value
@@ -203,3 +233,7 @@ def _with_interval(prefix: str, metrics: DepthMetrics, interval: MetricsInterval
         line[f"{prefix}{name}_low"] = getattr(interval.low, name)
         line[f"{prefix}{name}_high"] = getattr(interval.high, name)
     return line
+
+
+def _flat_bounded(name: str, measure: Bounded) -> dict[str, object]:
+    return {name: _known(measure.value), f"{name}_low": _known(measure.low), f"{name}_high": _known(measure.high)}

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from laploop.perception.bootstrap import Bounded
 from laploop.perception.metrics import DepthMetrics, MetricsInterval
 from laploop.studies.csv_text import csv_text
-from laploop.studies.depth.table import AGAINST, DepthRow, DepthTable
+from laploop.studies.depth.table import AGAINST, DepthRow, DepthTable, ReliabilityRow
 from laploop.whole_file import whole_file
 
 TABLE_NAME = "depth"
@@ -73,13 +74,14 @@ def markdown_table(table: DepthTable) -> str:
     if budget is not None:
         sections.append(_budget_text(budget))
     if table.reliability:
-        sections.append(_reliability_text(table.reliability_rows()))
+        sections.append(_reliability_text(table.reliability))
     notes = {row.model: row.note for row in table.rows if row.note}
     sections += [f"`{model}`: {note}.\n" for model, note in notes.items()]
     sections.append(
         "In brackets the 95 % interval of a bootstrap over tissues. Columns named `marked valid` count only the pixels that "
-        "the model marks valid. Lit pixels are those that the projector reaches. A slip is a pixel marked valid that is more "
-        "than 10 % off, or lies outside of the range of depth. Edges are the pixels near a step of more than 3 mm.\n"
+        "the model marks valid. Lit pixels are those that the projector reaches. Where `phase` is valid, all models are "
+        "measured on the same pixels, whatever they mark. A slip is a pixel marked valid that is more than 10 % off, or lies "
+        "outside of the range of depth. Edges are the pixels near a step of more than 3 mm.\n"
     )
     return "\n".join(sections)
 
@@ -100,8 +102,9 @@ def _metrics_table(rows: Sequence[DepthRow]) -> str:
 
 def _more_table(rows: Sequence[DepthRow]) -> str:
     head = (
-        "| model | MAE mm, lit | SqRel mm | within 1.25, 1.25², 1.25³ | beyond 1, 2, 3 mm | slips per 1000 valid "
-        "| to the plane mm | normals ° | MAE mm, edges | MAE mm, away |\n|---|---|---|---|---|---|---|---|---|---|\n"
+        "| model | MAE mm, lit | lit, marked valid | MAE mm where `phase` is valid | SqRel mm | within 1.25, 1.25², 1.25³ "
+        "| beyond 1, 2, 3 mm | slips per 1000 valid | to the plane mm | normals ° | MAE mm, edges "
+        "| MAE mm, away |\n|---|---|---|---|---|---|---|---|---|---|---|---|\n"
     )
     lines = []
     for row in rows:
@@ -111,6 +114,8 @@ def _more_table(rows: Sequence[DepthRow]) -> str:
         cells = [
             row.model,
             _ranged(row.lit, row.lit_interval, "mae_mm", ".2f"),
+            _bounded(row.lit_valid_share, ".3f"),
+            _bounded(row.phase_valid_mae_mm, ".2f"),
             _ranged(every, interval, "sq_rel_mm", ".3f"),
             ratios,
             f"{beyond} %",
@@ -125,18 +130,18 @@ def _group(row: DepthRow) -> str:
     return next((name for name in (row.family, row.texture) if name != "all"), row.working_distance_mm)
 
 
-def _reliability_text(rows: Sequence[Mapping[str, Any]]) -> str:
+def _reliability_text(rows: Sequence[ReliabilityRow]) -> str:
     lines = [
         "## Confidence\n",
         "AURC is the area under mean absolute error against the fraction of the pixels admitted by falling confidence; the",
         "calibration error is the mean difference of predicted and seen rate within 1 mm.\n",
-        "| model | against | AURC mm | calibration error | MAE mm of the surest tenth | half | all |",
-        "|---|---|---|---|---|---|---|",
+        "| model | against | family | AURC mm | calibration error | MAE mm of the surest tenth | half | all |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for row in rows:
-        numbers = (row["aurc_mm"], row["calibration_error"], *(row["risk_mm"][place] for place in (0, 4, 9)))
-        cells = ["-" if number is None else f"{number:.3f}" for number in numbers]
-        lines.append(f"| {row['model']} | {row['against']} | {' | '.join(cells)} |")
+        cells = [_bounded(row.aurc_mm, ".3f"), _bounded(row.calibration_error, ".3f")]
+        cells += ["-" if math.isnan(risk) else f"{risk:.3f}" for risk in (row.risk_mm[place] for place in (0, 4, 9))]
+        lines.append(f"| {row.model} | {row.against} | {row.family} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 
@@ -171,6 +176,11 @@ def _budget_text(budget: Mapping[str, Any]) -> str:
 
 def _ranged(metrics: DepthMetrics, interval: MetricsInterval, name: str, digits: str) -> str:
     value, low, high = (getattr(part, name) for part in (metrics, interval.low, interval.high))
+    return _bounded(Bounded(value=value, low=low, high=high), digits)
+
+
+def _bounded(measure: Bounded, digits: str) -> str:
+    value, low, high = measure.value, measure.low, measure.high
     if math.isnan(value):
         return "-"
     return f"{value:{digits}}" if math.isnan(low) else f"{value:{digits}} ({low:{digits}} to {high:{digits}})"

@@ -1,29 +1,71 @@
-"""Tables of depth on anatomy, of the loop on it, and of light that the stripe camera leaves out."""
+"""Tables of depth and confidence on anatomy, of the loop on it, and of light that the stripe camera leaves out."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from laploop.perception.reliability import TENTHS
 from laploop.studies.readme.results_tables import shown
+
+_MODELS = ("phase", "compact", "ssle-phase")
+"""Of the tables of anatomy, in their order."""
+
+_SAME_PIXELS = "Where `phase` is valid, all estimators are measured on the same pixels, whatever they mark."
 
 
 def anatomy_table(known: Mapping[str, Any], held_out: Mapping[str, Any]) -> str:
-    """Return the table of families for two evaluations: of families that were learned from, and of others."""
+    """Return the table of families for two evaluations: of families that were learned from, and of others.
+
+    Columns of measures that neither has are left out.
+    """
+    named = [(kind, name, row) for kind, summary in _sets(known, held_out) for name, row in _named(summary)]
+    named = [(kind, name, row) for kind, name, row in named if row["against"] == "exact" and row["model"] in _MODELS]
+    columns = [column for column in _COLUMNS if any(row.get(column.name) is not None for _, _, row in named)]
     lines = [
         "Anatomy at 60 to 140 mm ([worlds](../depth.md#worlds)); no weights learned from, or were chosen by, the families and",
         "textures that are held out. Lit pixels are those that the projector reaches; a slip is a valid pixel that is more",
         "than a tenth off.",
+        *([_SAME_PIXELS] if any(column.name == "phase_valid_mae_mm" for column in columns) else []),
         "",
-        "| estimator | set | shape or texture | frames | MAE, lit pixels | valid | MAE, valid pixels | slips, per 1000 |",
-        "|---|---|---|---|---|---|---|---|",
+        f"| estimator | set | shape or texture | frames | {' | '.join(column.head for column in columns)} |",
+        "|" + "---|" * (4 + len(columns)),
     ]
-    for model in ("phase", "compact", "ssle-phase"):
-        for kind, summary in (("known", known), ("held out", held_out)):
-            lines += [
-                f"| {shown(model)} | {kind} | {name} | {_cells(row)} |"
-                for name, row in _named(summary)
-                if row["model"] == model and row["against"] == "exact"
-            ]
+    for model in _MODELS:
+        lines += [
+            f"| {shown(model)} | {kind} | {name} | {row['frames']} | {' | '.join(column.cell(row) for column in columns)} |"
+            for kind, name, row in named
+            if row["model"] == model
+        ]
+    return "\n".join(lines)
+
+
+def confidence_table(known: Mapping[str, Any], held_out: Mapping[str, Any]) -> str | None:
+    """Return how the confidences of two evaluations fit what is seen, over all families; None where neither has any."""
+    rows = [
+        (kind, row)
+        for kind, summary in _sets(known, held_out)
+        for row in summary.get("reliability", ())
+        # Files from before there were rows for families have no such field.
+        if row["against"] == "exact" and row.get("family", "all") == "all" and row["aurc_mm"] is not None
+    ]
+    if not rows:
+        return None
+    tenths = [f"{10 * tenth}-{10 * tenth + 10} %" for tenth in range(TENTHS)]
+    heads = ["estimator", "set", "calibration error", "AURC", *tenths, "largest difference"]
+    lines = [
+        "The confidence is the predicted probability of being within 1 mm. For each tenth of it, over all pixels in the range",
+        "of depth: its mean and the rate that is seen, and last the largest difference of the two. The calibration error is",
+        "their mean difference over all pixels; AURC is the area under the error of the pixels admitted by falling confidence.",
+        *(["In brackets 95 % intervals over scenes."] if any(row.get("aurc_mm_low") is not None for _, row in rows) else []),
+        "",
+        f"| {' | '.join(heads)} |",
+        "|" + "---|" * len(heads),
+    ]
+    for model in _MODELS:
+        lines += [
+            f"| {shown(model)} | {kind} | {' | '.join(_confidence_cells(row))} |" for kind, row in rows if row["model"] == model
+        ]
     return "\n".join(lines)
 
 
@@ -77,9 +119,51 @@ def _named(summary: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]
     yield from (("all", row) for row in summary["rows"] if row["working_distance_mm"] == "all")
 
 
-def _cells(row: Mapping[str, Any]) -> str:
-    slips = row["valid_slips_per_1000"]
-    return (
-        f"{row['frames']} | {row['lit_mae_mm']:.2f} mm | {100 * row['valid_share']:.0f} % | {row['valid_mae_mm']:.2f} mm | "
-        f"{'none' if slips is None else f'{slips:.1f}'}"
-    )
+def _sets(known: Mapping[str, Any], held_out: Mapping[str, Any]) -> tuple[tuple[str, Mapping[str, Any]], ...]:
+    return ("known", known), ("held out", held_out)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Column:
+    """A measure in the table of anatomy."""
+
+    head: str
+    name: str
+    """Of the field."""
+    unit: str
+    scale: float = 1.0
+    digits: int = 2
+    nothing: str = ""
+    """What stands for an unknown value."""
+
+    def cell(self, row: Mapping[str, Any]) -> str:
+        """Return what the table says of a row."""
+        value = row.get(self.name)
+        return self.nothing if value is None else f"{self.scale * value:.{self.digits}f}{self.unit}"
+
+
+_COLUMNS = (
+    _Column(head="MAE, lit pixels", name="lit_mae_mm", unit=" mm"),
+    _Column(head="valid", name="valid_share", unit=" %", scale=100.0, digits=0),
+    _Column(head="valid, of lit", name="lit_valid_share", unit=" %", scale=100.0, digits=0),
+    _Column(head="MAE, valid pixels", name="valid_mae_mm", unit=" mm"),
+    _Column(head="MAE where `phase` is valid", name="phase_valid_mae_mm", unit=" mm"),
+    _Column(head="slips, per 1000", name="valid_slips_per_1000", unit="", digits=1, nothing="none"),
+)
+
+
+def _confidence_cells(row: Mapping[str, Any]) -> list[str]:
+    pairs = [(tenth["predicted"], tenth["seen"]) for tenth in row["tenths"]]
+    known = [(predicted, seen) for predicted, seen in pairs if predicted is not None]
+    return [
+        _with_ends(row, "calibration_error", 100.0, ".1f", " %"),
+        _with_ends(row, "aurc_mm", 1.0, ".2f", " mm"),
+        *("" if predicted is None else f"{100 * predicted:.0f} / {100 * seen:.0f} %" for predicted, seen in pairs),
+        f"{100 * max(abs(predicted - seen) for predicted, seen in known):.1f} %",
+    ]
+
+
+def _with_ends(row: Mapping[str, Any], name: str, scale: float, digits: str, unit: str) -> str:
+    low, high = (row.get(f"{name}{end}") for end in ("_low", "_high"))
+    ends = "" if low is None or high is None else f" ({scale * low:{digits}} to {scale * high:{digits}})"
+    return f"{scale * row[name]:{digits}}{unit}{ends}"

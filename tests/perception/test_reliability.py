@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from laploop.errors import InvalidValueError
-from laploop.perception.reliability import ReliabilityErrors
+from laploop.perception.bootstrap import UNKNOWN
+from laploop.perception.reliability import ReliabilityErrors, bounded_scores
 
 SHAPE = (400, 500)
 EVERYWHERE = np.ones(SHAPE, bool)
@@ -68,3 +69,15 @@ def test_nothing_counted_is_nothing_known():
     assert np.isnan(errors.risk_mm(np.array([0.5]))).all()
     with pytest.raises(InvalidValueError, match="four equal shapes"):
         errors.add(TRUTH[:1], TRUTH, TRUTH, EVERYWHERE)
+
+
+def test_scores_have_the_interval_of_whole_scenes():
+    good = measured(np.full(SHAPE, 0.95), np.full(SHAPE, 0.5))
+    bad = measured(np.full(SHAPE, 0.45), np.full(SHAPE, 4.0))
+    scenes = np.array([good.sums, ReliabilityErrors().sums, bad.sums])
+    aurc_mm, calibration_error = bounded_scores(scenes, np.random.default_rng(0))
+    whole = ReliabilityErrors(sums=scenes.sum(axis=0))
+    assert (aurc_mm.value, aurc_mm.low, aurc_mm.high) == pytest.approx((whole.aurc_mm, 0.5, 4.0))
+    found = (calibration_error.value, calibration_error.low, calibration_error.high)
+    assert found == pytest.approx((whole.calibration_error, 0.05, 0.45), abs=1e-6)  # a confidence is a float32
+    assert bounded_scores(scenes[1:2], np.random.default_rng(0)) == (UNKNOWN, UNKNOWN)

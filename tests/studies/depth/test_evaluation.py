@@ -130,6 +130,39 @@ def test_phase_is_within_a_fifth_of_a_millimetre_on_cosine_stripes(dataset):
     assert row.every.mae_mm > row.valid.mae_mm
 
 
+def test_all_models_are_measured_where_phase_is_valid(dataset, register):
+    class Late:
+        """Sees everything 3 mm too far, and marks nothing valid."""
+
+        def __init__(self, rig):
+            self.inner = PhaseEstimator(rig=rig)
+
+        def estimate(self, image):
+            found = self.inner.estimate(image)
+            return DepthEstimate(depth_mm=found.depth_mm + np.float32(3.0), valid=np.zeros_like(found.valid))
+
+    register("late", Late)
+    table = evaluate_depth(dataset, ["late", "phase", "oracle"], progress=False)
+    for distance in ("all", "60-80", "80-100"):
+        late, phase, oracle = (table.row(name, distance) for name in ("late", "phase", "oracle"))
+        assert phase.phase_valid_mae_mm.value == pytest.approx(phase.valid.mae_mm)
+        assert phase.phase_valid_share.value == pytest.approx(phase.valid_fraction)
+        assert late.phase_valid_share == oracle.phase_valid_share == phase.phase_valid_share
+        assert late.phase_valid_mae_mm.value == pytest.approx(3.0 + phase.valid.bias_mm, abs=1e-4)  # mm; no error beyond 3 mm
+        assert oracle.phase_valid_mae_mm.value == 0.0
+        assert late.lit_valid_share.value == 0.0
+    assert phase.lit_valid_share.value == pytest.approx(phase.valid_fraction)  # all is lit
+    low, high = table.row("late").phase_valid_mae_mm.low, table.row("late").phase_valid_mae_mm.high
+    assert low <= table.row("late").phase_valid_mae_mm.value <= high
+    line = table.row("photon floor, 1 row").flat()
+    assert [line[name] for name in ("lit_valid_share", "phase_valid_share", "phase_valid_mae_mm")] == [None] * 3
+
+
+def test_where_phase_is_valid_nobody_knows_without_it(dataset):
+    line = evaluate_depth(dataset, ["oracle"], progress=False).row("oracle").flat()
+    assert [line[name] for name in ("phase_valid_share", "phase_valid_mae_mm", "phase_valid_mae_mm_low")] == [None] * 3
+
+
 def test_frames_are_binned_by_their_median_depth_and_far_pixels_do_not_count(dataset):
     table = evaluate_depth(dataset, ["oracle"], progress=False)
     assert table.row("oracle").frames == 3

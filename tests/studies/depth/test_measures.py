@@ -68,6 +68,22 @@ def test_lit_pixels_are_a_set_of_their_own(dataset, stepwise):
     assert row.lit.mae_mm == pytest.approx((0.5 * lit_left + 4.0 * 32 * 32) / row.lit.pixels)
 
 
+def test_valid_pixels_are_counted_among_the_lit_ones(dataset, stepwise):
+    table = evaluate_depth(dataset, [stepwise], progress=False, config=BARE)
+    share = table.row(stepwise).lit_valid_share
+    first, second = 32 * 64 - 64, 32 * 32 - 64  # lit pixels in the range; the model marks the left half valid
+    assert share.value == pytest.approx(2 * second / (first + second))
+    assert (share.low, share.high) == pytest.approx((second / first, 1.0))
+    line = table.flat_rows()[0]
+    assert [line[f"lit_valid_share{end}"] for end in ("", "_low", "_high")] == [share.value, share.low, share.high]
+
+
+def test_nobody_knows_what_is_valid_of_no_lit_pixels(dataset, stepwise, monkeypatch):
+    monkeypatch.setattr(FrameStore, "lit", lambda self, index: np.zeros(SIZE, bool))
+    line = evaluate_depth(dataset, [stepwise], progress=False, config=BARE).flat_rows()[0]
+    assert (line["lit_share"], line["lit_valid_share"], line["lit_valid_share_low"]) == (0.0, None, None)
+
+
 def test_slips_count_what_is_marked_valid_outside_of_the_range(dataset, stepwise):
     row = evaluate_depth(dataset, [stepwise], progress=False, config=BARE).row(stepwise)
     assert row.valid.slips_per_1000 == pytest.approx(1000.0 * 64 / (64 * 32))
@@ -87,7 +103,7 @@ def test_surfaces_and_edges_are_measured_on_each_set(dataset, stepwise):
 def test_confidence_is_measured_where_there_is_one(dataset, stepwise, tmp_path):
     table = evaluate_depth(dataset, [stepwise, "oracle"], tmp_path, progress=False, config=BARE)
     (row,) = table.reliability_rows()
-    assert (row["model"], row["against"]) == (stepwise, "exact")
+    assert (row["model"], row["against"], row["family"]) == (stepwise, "exact", "all")
     sure, unsure = (64 * 32 - 64) * 2, 64 * 32
     assert [part["pixels"] for part in row["tenths"]] == [0, 0, 0, 0, unsure, 0, 0, 0, 0, sure]
     assert (row["tenths"][4]["seen"], row["tenths"][9]["seen"]) == (0.0, 1.0)
@@ -98,6 +114,12 @@ def test_confidence_is_measured_where_there_is_one(dataset, stepwise, tmp_path):
     assert row["risk_mm"][0] == pytest.approx(0.5)
     assert row["risk_mm"][9] == pytest.approx(mean)
     assert row["aurc_mm"] == pytest.approx(0.5 * share + mean * (1.0 - share))
+    # By hand for draws of one tissue alone: half of the first is the unsure right, the second has the sure left alone.
+    half = (32 * 64 - 64) / (64 * 64 - 64)
+    alone = 0.5 * half + 4.0 * (1.0 - half)
+    assert (row["aurc_mm_low"], row["aurc_mm_high"]) == pytest.approx((0.5, 0.5 * half + alone * (1.0 - half)))
+    errors = (0.05, 0.05 * half + 0.45 * (1.0 - half))
+    assert (row["calibration_error_low"], row["calibration_error_high"]) == pytest.approx(errors, abs=1e-6)
     assert json.loads((tmp_path / "depth.json").read_text())["reliability"] == table.reliability_rows()
     assert "## Confidence" in (tmp_path / "depth.md").read_text()
 
@@ -117,6 +139,20 @@ def test_families_have_lines_where_there_are_several(dataset, stepwise, tmp_path
     assert [row["family"] for row in written["families"]] == ["bowel", "liver"]
     assert {row["family"] for row in written["rows"]} == {"all"}
     assert "By family of shapes" in (tmp_path / "depth.md").read_text()
+
+
+def test_confidence_has_rows_by_family_where_there_are_several(dataset, stepwise, tmp_path, monkeypatch):
+    (one,) = evaluate_depth(dataset, [stepwise], progress=False, config=BARE).reliability_rows()
+    monkeypatch.setattr(FrameStore, "family", lambda self, index: ("liver", "bowel")[index])
+    table = evaluate_depth(dataset, [stepwise], tmp_path, progress=False, config=BARE)
+    whole, bowel, liver = table.reliability_rows()
+    assert whole == one
+    assert (bowel["family"], liver["family"]) == ("bowel", "liver")
+    assert bowel["aurc_mm"] == pytest.approx(0.5)
+    assert bowel["aurc_mm_low"] is None  # a family of one tissue
+    for place, part in enumerate(whole["tenths"]):
+        assert part["pixels"] == bowel["tenths"][place]["pixels"] + liver["tenths"][place]["pixels"]
+    assert "| stepwise | exact | liver |" in (tmp_path / "depth.md").read_text()
 
 
 def test_textures_have_lines_where_there_are_several(dataset, stepwise, tmp_path, monkeypatch):

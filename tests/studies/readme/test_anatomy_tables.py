@@ -1,0 +1,73 @@
+import pytest
+
+from laploop.studies.readme.anatomy_tables import anatomy_table, confidence_table
+
+
+def row_of(model, **further):
+    row = {"model": model, "against": "exact", "working_distance_mm": "all", "family": "all", "texture": "all", "frames": 8}
+    row |= {"lit_mae_mm": 2.0, "valid_share": 0.8, "valid_mae_mm": 1.0, "valid_slips_per_1000": 3.0}
+    return row | further
+
+
+def summary_of(*rows, **further):
+    families = [row | {"family": "lobes", "frames": 3} for row in rows]
+    return {"rows": list(rows), "families": families, "textures": [], **further}
+
+
+def reliability(model, **further):
+    tenths = [{"pixels": 0, "predicted": None, "seen": None}] * 4
+    tenths += [{"pixels": 100, "predicted": 0.45, "seen": 0.41}] * 5 + [{"pixels": 100, "predicted": 0.95, "seen": 0.98}]
+    return {"model": model, "against": "exact", "aurc_mm": 0.632, "calibration_error": 0.0253, "tenths": tenths, **further}
+
+
+def lines_of(table, model):
+    return [line for line in table.splitlines() if line.startswith(f"| `{model}` |")]
+
+
+def test_anatomy_of_a_file_without_the_further_measures_has_no_columns_for_them():
+    table = anatomy_table(summary_of(row_of("compact")), summary_of(row_of("compact", valid_slips_per_1000=None)))
+    assert "of lit" not in table
+    assert "where `phase`" not in table.lower()
+    assert lines_of(table, "compact") == [
+        "| `compact` | known | lobes | 3 | 2.00 mm | 80 % | 1.00 mm | 3.0 |",
+        "| `compact` | known | all | 8 | 2.00 mm | 80 % | 1.00 mm | 3.0 |",
+        "| `compact` | held out | lobes | 3 | 2.00 mm | 80 % | 1.00 mm | none |",
+        "| `compact` | held out | all | 8 | 2.00 mm | 80 % | 1.00 mm | none |",
+    ]
+
+
+def test_anatomy_shows_what_is_valid_of_lit_and_the_error_on_the_pixels_of_phase():
+    further = {"lit_valid_share": 0.876, "phase_valid_mae_mm": 0.543}
+    table = anatomy_table(summary_of(row_of("phase", **further)), summary_of(row_of("phase", lit_valid_share=0.5)))
+    assert (
+        "| frames | MAE, lit pixels | valid | valid, of lit | MAE, valid pixels | MAE where `phase` is valid | slips" in table
+    )
+    assert "measured on the same pixels" in table
+    found = lines_of(table, "phase")
+    assert found[1] == "| `phase` | known | all | 8 | 2.00 mm | 80 % | 88 % | 1.00 mm | 0.54 mm | 3.0 |"
+    assert found[3] == "| `phase` | held out | all | 8 | 2.00 mm | 80 % | 50 % | 1.00 mm |  | 3.0 |"
+
+
+def test_confidence_has_a_line_a_model_and_set_with_predicted_and_seen_rates():
+    ends = {"aurc_mm_low": 0.6, "aurc_mm_high": 0.7, "calibration_error_low": 0.02, "calibration_error_high": 0.031}
+    rows = [reliability("compact", family="all", **ends), reliability("compact", family="lobes")]
+    table = confidence_table(summary_of(reliability=rows), summary_of(reliability=[reliability("ssle-phase", family="all")]))
+    (known,) = lines_of(table, "compact")
+    assert known.startswith("| `compact` | known | 2.5 % (2.0 to 3.1) | 0.63 mm (0.60 to 0.70) |  |  |  |  | 45 / 41 % |")
+    assert known.endswith("| 45 / 41 % | 95 / 98 % | 4.0 % |")
+    (held_out,) = lines_of(table, "ssle-phase")
+    assert held_out.startswith("| `ssle-phase` | held out | 2.5 % | 0.63 mm |  |")
+    assert "95 % intervals over scenes" in table
+    heads = {line.count("|") for line in table.splitlines() if line.startswith("|")}
+    assert heads == {16}
+
+
+@pytest.mark.parametrize("further", [{}, {"reliability": []}])
+def test_there_is_no_table_of_confidence_without_any(further):
+    assert confidence_table(summary_of(**further), summary_of(**further)) is None
+
+
+def test_confidence_of_a_file_without_families_and_intervals_is_shown_without_them():
+    table = confidence_table(summary_of(reliability=[reliability("compact")]), summary_of())
+    assert len(lines_of(table, "compact")) == 1
+    assert "intervals" not in table
