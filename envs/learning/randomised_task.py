@@ -102,6 +102,7 @@ class RandomisedTask:
         if env.observation_space != before.observation_space:
             raise InvalidValueError("observation space", env.observation_space, "that of the nominal task")
         env.np_random = before.np_random
+        env.loop.timing_changes = before.loop.timing_changes
         if self._shares_cores:
             env.share_cores()
         before.close()

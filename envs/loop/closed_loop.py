@@ -1,6 +1,7 @@
 """Everything between a desired tip velocity and the next depth frame: physics, stripes, perception, trocar-aware control."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from laploop.envs.loop.stage_timer import StageTimer
 from laploop.envs.loop.timing.command_path import CommandPath, JointTarget
 from laploop.envs.loop.timing.config import TimingSamples
 from laploop.envs.loop.timing.frame_transfer import FrameTransfer
+from laploop.envs.loop.timing.latency import LatencyModel
 from laploop.envs.loop.timing.log import TimingLog
 from laploop.envs.recording.recorder import ARM_NAMES, FrameRecord, NullRecorder, Recorder
 from laploop.envs.theatre.physics_call import PhysicsRun, run_alone
@@ -78,7 +80,9 @@ class ClosedLoop(SavableLoop):
         self._renderer: FrameRenderer | None = None
         self._server: PerceptionServer | None = None
         self._lasting = frozenset(vars(self)) - {"max_force_n", "mean_force_n", "_renderer", "_server"}
-        self.timing = config.timing  # Of the next episode; `DelayRandomization` puts another one here.
+        self.timing = config.timing
+        self.timing_changes: dict[str, LatencyModel] = {}
+        """Stages that take other times than by the configuration in the episodes to come; `DelayRandomization` sets them."""
 
     def resetting(
         self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None
@@ -110,6 +114,7 @@ class ClosedLoop(SavableLoop):
         self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
         self._renderer = FrameRenderer(self.observed.look(texture_rng), noise_rng, self.timer)
+        self.timing = replace(self.config.timing, **self.timing_changes)
         samples = TimingSamples.draw(self.timing, service_rng, timing_rng)
         log = self.timing_log = TimingLog()
         self._transfer = FrameTransfer(self.timing, samples, log)

@@ -32,6 +32,20 @@ class StatefulWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     lasting: ClassVar[frozenset[str]] = frozenset()
     """Attributes that belong to no state, besides spaces and the environments inside."""
 
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        """Wrap an environment.
+
+        Raises:
+            InvalidValueError: If it is the environment of no task.
+        """
+        super().__init__(env)
+        task_of(env)
+
+    @property
+    def task_env(self) -> TaskEnv[Any]:
+        """The environment of the task inside; where episodes differ in their configuration, another object in each."""
+        return task_of(self.env)
+
     def get_state(self) -> ChainState:
         """Return everything that shapes the future; errors as for `TaskEnv.get_state`."""
         return get_state(self)
