@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from laploop.arrays import Array
 from laploop.control.messages import TipController
+from laploop.envs.environment_state import EnvironmentState
 from laploop.envs.learning.encoding import DEPTH_FAR_MM, DEPTH_NEAR_MM
 from laploop.envs.learning.observations import encoded_observation, observation_space, vector_layout
 from laploop.envs.learning.options import LearnerOptions, applied, decision_ticks, learner_options, uses_depth
@@ -302,9 +303,15 @@ class LearnerEnv(SteppableEnv):
 
     def set_state(self, state: ChainState) -> None:
         """Go on from a state of an environment like this one; errors as for `TaskEnv.set_state`."""
-        if isinstance(state, ChainState):
-            self._task.resume(state.environment.config)
         set_state(self, state)
+
+    def resume_episode(self, state: EnvironmentState) -> None:
+        """Make `task_env` that of the episode that a state is of, where episodes differ; `set_state` goes on from there.
+
+        Raises:
+            InvalidValueError: If the state is of another task or estimator.
+        """
+        self._task.resume(state)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what copies and pickles: not a viewer."""

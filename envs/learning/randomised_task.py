@@ -5,6 +5,7 @@ from functools import partial
 from typing import Any
 
 from laploop.control.messages import TipController
+from laploop.envs.environment_state import EnvironmentState
 from laploop.envs.randomisation.files import RandomisationLike, randomisation_of
 from laploop.envs.randomisation.randomisation import Randomisation, Values, checked_width, with_values
 from laploop.envs.recording.recorder import Recorder
@@ -69,10 +70,15 @@ class RandomisedTask:
         self._shares_cores = True
         self.env.share_cores()
 
-    def resume(self, config: TaskConfig) -> None:
-        """Go on with an episode that was begun with a configuration, if any is drawn here."""
+    def resume(self, state: EnvironmentState) -> None:
+        """Make the environment of the episode that a state is of, if any is drawn here.
+
+        Raises:
+            InvalidValueError: If the state is of another task or estimator, or observes something else.
+        """
         if self.is_random:
-            self._apply(config)
+            state.check(**{**self.env.identity(), "config": state.config})
+            self._apply(state.config)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what copies and pickles: not the recorder."""
@@ -99,6 +105,8 @@ class RandomisedTask:
         same_scope = config.loop.theatre.scope == before.config.loop.theatre.scope
         # Making an estimator may take as long as an episode's first second.
         env = self._make(config=config, perception=before.loop.estimator if same_scope else self._perception)
+        # States and copies of all episodes know the estimator alike.
+        env.perception = self._perception
         if env.observation_space != before.observation_space:
             raise InvalidValueError("observation space", env.observation_space, "that of the nominal task")
         env.np_random = before.np_random
