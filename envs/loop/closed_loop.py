@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,6 @@ from laploop.envs.loop.stage_timer import StageTimer
 from laploop.envs.loop.timing.command_path import CommandPath, JointTarget
 from laploop.envs.loop.timing.config import TimingSamples
 from laploop.envs.loop.timing.frame_transfer import FrameTransfer
-from laploop.envs.loop.timing.latency import LatencyModel
 from laploop.envs.loop.timing.log import TimingLog
 from laploop.envs.recording.recorder import ARM_NAMES, FrameRecord, NullRecorder, Recorder
 from laploop.envs.theatre.physics_call import PhysicsRun, run_alone
@@ -81,8 +81,8 @@ class ClosedLoop(SavableLoop):
         self._server: PerceptionServer | None = None
         self._lasting = frozenset(vars(self)) - {"max_force_n", "mean_force_n", "_renderer", "_server"}
         self.timing = config.timing
-        self.timing_changes: dict[str, LatencyModel] = {}
-        """Stages that take other times than by the configuration in the episodes to come; `DelayRandomization` sets them."""
+        self.timing_changes: dict[str, Any] = {}
+        """Fields of `TimingConfig` that differ from the configuration's in the next episodes; `DelayRandomization` sets them."""
 
     def resetting(
         self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None
