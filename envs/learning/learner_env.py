@@ -155,7 +155,8 @@ class LearnerEnv(SteppableEnv):
 
         Raises:
             UnknownNameError: If there is no such keyword, task or estimator; the message names the nearest.
-            InvalidValueError: If a value is not allowed, contradicts `config`, or `config` is another task's.
+            InvalidValueError: If a value is not allowed, contradicts `config`, or is drawn by `randomisation` all the same, or
+                `config` is another task's.
         """
         name = task or self.task_name
         if name is None:
@@ -172,6 +173,7 @@ class LearnerEnv(SteppableEnv):
         parts = TaskParts(
             name=name,
             perception=perception or ("compact" if uses_depth(whole) else "oracle"),
+            options=self.options,
             recorder=joined(recorder, self._viewer),
             controller=controller,
         )

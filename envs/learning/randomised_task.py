@@ -6,6 +6,7 @@ from typing import Any
 
 from laploop.control.messages import TipController
 from laploop.envs.environment_state import EnvironmentState
+from laploop.envs.learning.options import LearnerOptions, check_not_drawn
 from laploop.envs.randomisation.files import RandomisationLike, randomisation_of
 from laploop.envs.randomisation.randomisation import Randomisation, Values, checked_width, with_values
 from laploop.envs.recording.recorder import Recorder
@@ -22,6 +23,8 @@ class TaskParts:
 
     name: str
     perception: str | DepthEstimator
+    options: LearnerOptions
+    """What was chosen by keyword, which no randomisation may draw."""
     recorder: Recorder | None = None
     controller: TipController | None = None
 
@@ -37,6 +40,7 @@ class RandomisedTask:
         """Make the environment of the nominal configuration; raises as `randomise`."""
         self._nominal = config
         self._perception = parts.perception
+        self._options = parts.options
         self._make = partial(make_environment, parts.name, recorder=parts.recorder, controller=parts.controller)
         self._shares_cores = False
         self._randomisation = Randomisation({})
@@ -48,11 +52,12 @@ class RandomisedTask:
 
         Raises:
             UnknownNameError: If there is no such level, distribution or path.
-            LaploopError: If a value is not allowed.
+            LaploopError: If a value is not allowed, or a path is drawn that a keyword sets.
         """
         width = checked_width(width)
         if randomisation is not None:
             chosen = randomisation_of(randomisation)
+            check_not_drawn(self._options, chosen)
             chosen.check(self._nominal)
             if chosen.changes_scope and not isinstance(self._perception, str):
                 allowed = "the name of an estimator where the scope is randomised, so that it can be made for each"

@@ -82,7 +82,7 @@ class ClosedLoop(SavableLoop):
         self._lasting = frozenset(vars(self)) - {"max_force_n", "mean_force_n", "_renderer", "_server"}
         self.timing = config.timing
         self.timing_changes: dict[str, Any] = {}
-        """Fields of `TimingConfig` that differ from the configuration's in the next episodes; `DelayRandomization` sets them."""
+        """Stages that take other times in following episodes than the configuration says; `DelayRandomization` sets them."""
 
     def resetting(
         self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None
