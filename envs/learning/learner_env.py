@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from laploop.arrays import Array
 from laploop.control.messages import TipController
+from laploop.envs.environment_state import EnvironmentState
 from laploop.envs.learning.encoding import DEPTH_FAR_MM, DEPTH_NEAR_MM
 from laploop.envs.learning.observations import encoded_observation, observation_space, vector_layout
 from laploop.envs.learning.options import LearnerOptions, applied, decision_ticks, learner_options, uses_depth
@@ -154,7 +155,8 @@ class LearnerEnv(SteppableEnv):
 
         Raises:
             UnknownNameError: If there is no such keyword, task or estimator; the message names the nearest.
-            InvalidValueError: If a value is not allowed, contradicts `config`, or `config` is another task's.
+            InvalidValueError: If a value is not allowed, contradicts `config`, or is drawn by `randomisation` all the same, or
+                `config` is another task's.
         """
         name = task or self.task_name
         if name is None:
@@ -171,6 +173,7 @@ class LearnerEnv(SteppableEnv):
         parts = TaskParts(
             name=name,
             perception=perception or ("compact" if uses_depth(whole) else "oracle"),
+            options=self.options,
             recorder=joined(recorder, self._viewer),
             controller=controller,
         )
@@ -302,9 +305,15 @@ class LearnerEnv(SteppableEnv):
 
     def set_state(self, state: ChainState) -> None:
         """Go on from a state of an environment like this one; errors as for `TaskEnv.set_state`."""
-        if isinstance(state, ChainState):
-            self._task.resume(state.environment.config)
         set_state(self, state)
+
+    def resume_episode(self, state: EnvironmentState) -> None:
+        """Make `task_env` that of the episode that a state is of, where episodes differ; `set_state` goes on from there.
+
+        Raises:
+            InvalidValueError: If the state is of another task or estimator.
+        """
+        self._task.resume(state)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what copies and pickles: not a viewer."""

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from laploop.configuration import Field, configuration
 from laploop.envs.episode_config import EpisodeConfig
 from laploop.envs.fidelity import FidelityName
+from laploop.envs.randomisation.randomisation import Randomisation
 from laploop.envs.tasks.task_config import DEPTH_MODES, ObservationMode, TaskConfig
 from laploop.envs.theatre.organ_motion import MotionName
 from laploop.errors import InvalidValueError, UnknownNameError
@@ -16,6 +17,13 @@ RewardName = Literal["dense", "sparse"]
 ViewName = Literal["scope", "overview", "both"]
 
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
+
+SETS: dict[str, tuple[str, ...]] = {
+    "motion": ("loop.theatre.motion",),
+    "latency_ms": ("loop.timing.service",),
+    "fidelity": ("loop.physics_hz", "loop.theatre.tissue.contact_every"),
+}
+"""Paths of a task's configuration that keywords set, without those that all episodes share."""
 
 TASK_OBSERVATION: dict[str, ObservationMode] = {
     "state": "state",
@@ -89,6 +97,20 @@ def applied(options: LearnerOptions, config: ConfigT, *, strict: bool) -> Config
             raise InvalidValueError(keyword, value, "none that contradicts config; change it there")
         result = changed  # type: ignore[assignment]
     return replace(result, observation_mode=TASK_OBSERVATION[options.observation])
+
+
+def check_not_drawn(options: LearnerOptions, randomisation: Randomisation) -> None:
+    """Check that a randomisation leaves alone what the options set.
+
+    Raises:
+        InvalidValueError: If it draws the path of an option that was given; the message names both.
+    """
+    for keyword, paths in SETS.items():
+        value = getattr(options, keyword)
+        drawn = next((found for path in paths if (found := randomisation.drawn_at(path)) is not None), None)
+        if value is not None and drawn is not None:
+            remedy = f"leave {keyword} out, or give a randomisation without that path"
+            raise InvalidValueError(keyword, value, f"none where the randomisation draws {drawn}; {remedy}")
 
 
 def uses_depth(config: TaskConfig) -> bool:

@@ -5,6 +5,8 @@ from functools import partial
 from typing import Any
 
 from laploop.control.messages import TipController
+from laploop.envs.environment_state import EnvironmentState
+from laploop.envs.learning.options import LearnerOptions, check_not_drawn
 from laploop.envs.randomisation.files import RandomisationLike, randomisation_of
 from laploop.envs.randomisation.randomisation import Randomisation, Values, checked_width, with_values
 from laploop.envs.recording.recorder import Recorder
@@ -21,6 +23,8 @@ class TaskParts:
 
     name: str
     perception: str | DepthEstimator
+    options: LearnerOptions
+    """What was chosen by keyword, which no randomisation may draw."""
     recorder: Recorder | None = None
     controller: TipController | None = None
 
@@ -36,6 +40,7 @@ class RandomisedTask:
         """Make the environment of the nominal configuration; raises as `randomise`."""
         self._nominal = config
         self._perception = parts.perception
+        self._options = parts.options
         self._make = partial(make_environment, parts.name, recorder=parts.recorder, controller=parts.controller)
         self._shares_cores = False
         self._randomisation = Randomisation({})
@@ -47,11 +52,12 @@ class RandomisedTask:
 
         Raises:
             UnknownNameError: If there is no such level, distribution or path.
-            LaploopError: If a value is not allowed.
+            LaploopError: If a value is not allowed, or a path is drawn that a keyword sets.
         """
         width = checked_width(width)
         if randomisation is not None:
             chosen = randomisation_of(randomisation)
+            check_not_drawn(self._options, chosen)
             chosen.check(self._nominal)
             if chosen.changes_scope and not isinstance(self._perception, str):
                 allowed = "the name of an estimator where the scope is randomised, so that it can be made for each"
@@ -69,10 +75,15 @@ class RandomisedTask:
         self._shares_cores = True
         self.env.share_cores()
 
-    def resume(self, config: TaskConfig) -> None:
-        """Go on with an episode that was begun with a configuration, if any is drawn here."""
+    def resume(self, state: EnvironmentState) -> None:
+        """Make the environment of the episode that a state is of, if any is drawn here.
+
+        Raises:
+            InvalidValueError: If the state is of another task or estimator, or observes something else.
+        """
         if self.is_random:
-            self._apply(config)
+            state.check(**{**self.env.identity(), "config": state.config})
+            self._apply(state.config)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what copies and pickles: not the recorder."""
@@ -99,9 +110,12 @@ class RandomisedTask:
         same_scope = config.loop.theatre.scope == before.config.loop.theatre.scope
         # Making an estimator may take as long as an episode's first second.
         env = self._make(config=config, perception=before.loop.estimator if same_scope else self._perception)
+        # States and copies of all episodes know the estimator alike.
+        env.perception = self._perception
         if env.observation_space != before.observation_space:
             raise InvalidValueError("observation space", env.observation_space, "that of the nominal task")
         env.np_random = before.np_random
+        env.loop.timing_changes = before.loop.timing_changes
         if self._shares_cores:
             env.share_cores()
         before.close()

@@ -1,6 +1,8 @@
 """Everything between a desired tip velocity and the next depth frame: physics, stripes, perception, trocar-aware control."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -78,7 +80,9 @@ class ClosedLoop(SavableLoop):
         self._renderer: FrameRenderer | None = None
         self._server: PerceptionServer | None = None
         self._lasting = frozenset(vars(self)) - {"max_force_n", "mean_force_n", "_renderer", "_server"}
-        self.timing = config.timing  # Of the next episode; `DelayRandomization` puts another one here.
+        self.timing = config.timing
+        self.timing_changes: dict[str, Any] = {}
+        """Stages that take other times in following episodes than the configuration says; `DelayRandomization` sets them."""
 
     def resetting(
         self, rng: np.random.Generator, *, theatre_seed: int, at_first_frame: Callable[[], None] | None = None
@@ -110,6 +114,7 @@ class ClosedLoop(SavableLoop):
         self.injector = FaultInjector(self.config.faults)
         self._out_of_reach = ""
         self._renderer = FrameRenderer(self.observed.look(texture_rng), noise_rng, self.timer)
+        self.timing = replace(self.config.timing, **self.timing_changes)
         samples = TimingSamples.draw(self.timing, service_rng, timing_rng)
         log = self.timing_log = TimingLog()
         self._transfer = FrameTransfer(self.timing, samples, log)

@@ -62,7 +62,11 @@ class Randomisation:
     @property
     def changes_scope(self) -> bool:
         """Whether episodes differ in the scope's geometry, which estimators are made for."""
-        return any(_overlap(path, _SCOPE) for path in self.distributions)
+        return self.drawn_at(_SCOPE) is not None
+
+    def drawn_at(self, path: str) -> str | None:
+        """Return the first path with a distribution that is the same as a path, within it or around it."""
+        return next((one for one in self.distributions if _overlap(one, path)), None)
 
     @property
     def plain(self) -> dict[str, dict[str, JsonValue]]:

@@ -10,7 +10,7 @@ from laploop.envs.tasks.task_config import TaskConfig
 from laploop.errors import InvalidValueError
 from laploop.perception.estimators.base import DepthEstimator
 
-_LASTING = {"config", "loop", "action_space", "observation_space", "spec", "_perception"}
+_LASTING = {"config", "loop", "action_space", "observation_space", "spec", "perception"}
 """Attributes that belong to no state; all others do, those of a task of your own included."""
 
 
@@ -23,7 +23,8 @@ class SavableEnv(SteppableEnv):
 
     config: TaskConfig
     loop: ClosedLoop
-    _perception: str | DepthEstimator
+    perception: str | DepthEstimator
+    """The estimator as it was given, a name or an object; states and copies know it by that."""
     _running: bool
 
     @abstractmethod
@@ -41,7 +42,7 @@ class SavableEnv(SteppableEnv):
         own |= {"_np_random": self._np_random, "_np_random_seed": self._np_random_seed}
         memory = packed({"task": own, "loop": self.loop.memory()}, self._parts())
         scene = self.loop.observed.get_state()
-        return EnvironmentState(**self._identity(), version=laploop_version(), scene=scene, memory=memory)
+        return EnvironmentState(**self.identity(), version=laploop_version(), scene=scene, memory=memory)
 
     def set_state(self, state: EnvironmentState) -> None:
         """Go on from a state that an environment like this one was in; a reset before is not needed.
@@ -54,26 +55,27 @@ class SavableEnv(SteppableEnv):
         """
         if not isinstance(state, EnvironmentState):
             raise InvalidValueError("state", type(state).__name__, "what get_state of an environment has returned")
-        state.check(**self._identity())
+        state.check(**self.identity())
         self._running = False
         self.loop.set_scene(state.scene)
         memory = unpacked(state.memory, self._parts())
         self.loop.remember(memory["loop"])
         vars(self).update(memory["task"])
 
+    def identity(self) -> dict[str, Any]:
+        """Return what a state must share with the environment, as `EnvironmentState.check` takes it."""
+        perception = self.perception if isinstance(self.perception, str) else class_place(type(self.perception))
+        return {"environment": class_place(type(self)), "perception": perception, "config": self.config}
+
     def __getstate__(self) -> dict[str, Any]:
         """Return what copies and pickles: what the environment was made from, but the recorder, and its state."""
-        made_from = {"config": self.config, "perception": self._perception, "spec": self.spec}
+        made_from = {"config": self.config, "perception": self.perception, "spec": self.spec}
         return made_from | {"action_space": self.action_space, "state": self.get_state()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._make_anew(state["config"], state["perception"])
         self.spec, self.action_space = state["spec"], state["action_space"]
         self.set_state(state["state"])
-
-    def _identity(self) -> dict[str, Any]:
-        perception = self._perception if isinstance(self._perception, str) else class_place(type(self._perception))
-        return {"environment": class_place(type(self)), "perception": perception, "config": self.config}
 
     def _parts(self) -> dict[str, Any]:
         return {"task": self, "config": self.config, **self.loop.parts()}

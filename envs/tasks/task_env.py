@@ -100,7 +100,7 @@ class TaskEnv(SavableEnv, Generic[ConfigT]):
         if config is not None and not isinstance(config, self.config_type):
             raise InvalidValueError("config", type(config).__name__, f"a {self.config_type.__name__}")
         self.config: ConfigT = config or cast("Any", self.config_type)()
-        self._perception = perception
+        self.perception = perception
         scope = self.config.loop.theatre.scope
         mode = self.config.observation_mode
         hides = any(fault.kind == "target-hidden" for fault in self.config.loop.faults)

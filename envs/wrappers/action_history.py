@@ -10,7 +10,7 @@ from gymnasium.utils import RecordConstructorArgs
 
 from laploop.arrays import Float32
 from laploop.envs.tasks.observations import MAX_AGE_S, bounded
-from laploop.envs.wrappers.chain_state import StatefulWrapper, task_of
+from laploop.envs.wrappers.chain_state import StatefulWrapper
 from laploop.envs.wrappers.frames import AGE_KEYS, frame_time
 from laploop.errors import InvalidValueError
 
@@ -36,7 +36,6 @@ class ActionHistory(StatefulWrapper):
         """
         RecordConstructorArgs.__init__(self, k=k)
         super().__init__(env)
-        self._task = task_of(env)
         if not isinstance(k, int) or not 1 <= k <= 1000:
             raise InvalidValueError("k", k, "an integer, 1 to 1000")
         actions, observed = env.action_space, env.observation_space
@@ -71,7 +70,8 @@ class ActionHistory(StatefulWrapper):
         return self._observed(observation), reward, terminated, truncated, info
 
     def _observed(self, observation: Any) -> Any:
-        age_s = bounded([(self._task.loop.now_ns - frame_time(self._task, "depth").stamped_ns) * 1e-9], 0.0, MAX_AGE_S)
+        task = self.task_env
+        age_s = bounded([(task.loop.now_ns - frame_time(task, "depth").stamped_ns) * 1e-9], 0.0, MAX_AGE_S)
         history = np.stack(self._actions).astype(np.float32)
         if isinstance(observation, dict):
             return {**observation, "past_actions": history} | ({"depth_age_s": age_s} if self._adds_age else {})

@@ -10,7 +10,7 @@ from gymnasium.utils import RecordConstructorArgs
 from numpy.typing import NDArray
 
 from laploop.envs.tasks.observations import MAX_AGE_S
-from laploop.envs.wrappers.chain_state import StatefulWrapper, task_of
+from laploop.envs.wrappers.chain_state import StatefulWrapper
 from laploop.envs.wrappers.frames import WHOLE, frame_time, image_spaces
 from laploop.errors import InvalidValueError
 
@@ -41,7 +41,6 @@ class AgeAwareFrameStack(StatefulWrapper):
         """
         RecordConstructorArgs.__init__(self, k=k)
         super().__init__(env)
-        self._task = task_of(env)
         if not isinstance(k, int) or not 1 <= k <= 64:
             raise InvalidValueError("k", k, "an integer, 1 to 64")
         observed = env.observation_space
@@ -73,15 +72,16 @@ class AgeAwareFrameStack(StatefulWrapper):
         return self._observed(observation), reward, terminated, truncated, info
 
     def _observed(self, observation: Any) -> dict[str, Any]:
+        task = self.task_env
         shown: dict[str, Any] = {} if WHOLE in self._stacks else dict(observation)
         for key, stack in self._stacks.items():
-            time = frame_time(self._task, key)
+            time = frame_time(task, key)
             image = np.atleast_3d(observation if key == WHOLE else observation[key])
             if not stack or time.captured_ns > stack[-1][0]:
                 stack.append((time.captured_ns, time.stamped_ns, image))
             missing = (stack.maxlen or 0) - len(stack)
             images = [np.zeros_like(image)] * missing + [kept for _, _, kept in stack]
-            ages_s = [(self._task.loop.now_ns - stamped_ns) * 1e-9 for _, stamped_ns, _ in stack]
+            ages_s = [(task.loop.now_ns - stamped_ns) * 1e-9 for _, stamped_ns, _ in stack]
             shown[_name(key)] = np.concatenate(images, axis=2)
             shown[f"{_name(key)}_ages_s"] = np.array([NO_FRAME_S] * missing + ages_s, np.float32).clip(NO_FRAME_S, MAX_AGE_S)
         return shown

@@ -32,6 +32,20 @@ class StatefulWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     lasting: ClassVar[frozenset[str]] = frozenset()
     """Attributes that belong to no state, besides spaces and the environments inside."""
 
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        """Wrap an environment.
+
+        Raises:
+            InvalidValueError: If it is the environment of no task.
+        """
+        super().__init__(env)
+        task_of(env)
+
+    @property
+    def task_env(self) -> TaskEnv[Any]:
+        """The environment of the task inside; where episodes differ in their configuration, another object in each."""
+        return task_of(self.env)
+
     def get_state(self) -> ChainState:
         """Return everything that shapes the future; errors as for `TaskEnv.get_state`."""
         return get_state(self)
@@ -57,23 +71,23 @@ def get_state(env: gym.Env[Any, Any]) -> ChainState:
 def set_state(env: gym.Env[Any, Any], state: ChainState) -> None:
     """Go on from a state of an environment with the same wrappers; a reset before is not needed.
 
+    Where episodes differ in their configuration, the environment takes on that of the state.
+
     Raises:
         InvalidValueError: If it is no such state, or one of other wrappers, another task, estimator or configuration.
     """
     if not isinstance(state, ChainState):
         raise InvalidValueError("state", type(state).__name__, "what get_state of a wrapped environment has returned")
     *links, base = _links(env)
-    mine, own = [place for place, _ in state.links], [class_place(type(link)) for link in links]
-    if mine != own:
-        raise InvalidValueError("wrappers of the state", mine, f"{own}, as here")
-    parts = _parts([*links, base])
-    memories = [unpacked(memory, parts) for _, memory in state.links]
-    for link, memory in zip(links, memories, strict=True):
-        # Gymnasium keeps with what arguments a wrapper was made.
-        made, here = memory.get("_saved_kwargs"), vars(link).get("_saved_kwargs")
-        if made != here:
-            raise InvalidValueError(f"arguments of {type(link).__name__} in the state", made, f"{here}, as here")
-    base.set_state(state.environment)
+    memories = _checked_memories(state, links, base)
+    for link in links:
+        # What stands around a task without being a wrapper may have another one for each episode.
+        if not isinstance(link, gym.Wrapper) and hasattr(link, "resume_episode"):
+            link.resume_episode(state.environment)
+    *links, present = _links(env)
+    if present is not base:
+        memories = _checked_memories(state, links, present)
+    present.set_state(state.environment)
     for link, memory in zip(links, memories, strict=True):
         vars(link).update(memory)
 
@@ -88,6 +102,21 @@ def task_of(env: gym.Env[Any, Any]) -> TaskEnv[Any]:
     if not isinstance(base, TaskEnv):
         raise InvalidValueError("env", type(base).__name__, "the environment of a laploop task")
     return base
+
+
+def _checked_memories(state: ChainState, links: list[Any], base: SavableEnv) -> list[dict[str, Any]]:
+    """Return copies of what a state's links remember, what is outside of them being found here; errors as for `set_state`."""
+    mine, own = [place for place, _ in state.links], [class_place(type(link)) for link in links]
+    if mine != own:
+        raise InvalidValueError("wrappers of the state", mine, f"{own}, as here")
+    parts = _parts([*links, base])
+    memories: list[dict[str, Any]] = [unpacked(memory, parts) for _, memory in state.links]
+    for link, memory in zip(links, memories, strict=True):
+        # Gymnasium keeps with what arguments a wrapper was made.
+        made, here = memory.get("_saved_kwargs"), vars(link).get("_saved_kwargs")
+        if made != here:
+            raise InvalidValueError(f"arguments of {type(link).__name__} in the state", made, f"{here}, as here")
+    return memories
 
 
 def _links(env: gym.Env[Any, Any]) -> Iterator[Any]:

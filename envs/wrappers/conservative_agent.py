@@ -8,7 +8,7 @@ from gymnasium.utils import RecordConstructorArgs
 
 from laploop.envs.loop.timing.latency import LONGEST_MS
 from laploop.envs.tasks.observations import MAX_AGE_S, bounded
-from laploop.envs.wrappers.chain_state import StatefulWrapper, task_of
+from laploop.envs.wrappers.chain_state import StatefulWrapper
 from laploop.envs.wrappers.frames import AGE_KEYS, WHOLE, FrameTime, frame_time, image_spaces
 from laploop.errors import InvalidValueError
 
@@ -38,7 +38,6 @@ class ConservativeAgent(StatefulWrapper):
         """
         RecordConstructorArgs.__init__(self, age_ms=age_ms)
         super().__init__(env)
-        self._task = task_of(env)
         if not isinstance(age_ms, int | float) or not 0.0 < age_ms <= LONGEST_MS:
             raise InvalidValueError("age_ms", age_ms, f"above 0 and at most {LONGEST_MS:g}")
         self._keys = tuple(image_spaces(env.observation_space, "ConservativeAgent"))
@@ -60,10 +59,11 @@ class ConservativeAgent(StatefulWrapper):
 
     def _observed(self, observation: Any) -> tuple[Any, bool]:
         """Return the observation with images of the right age, and whether one has come too late for that."""
-        now_ns, late = self._task.loop.now_ns, False
+        task = self.task_env
+        now_ns, late = task.loop.now_ns, False
         shown: dict[str, Any] = {}
         for key, held in self._held.items():
-            time = frame_time(self._task, key)
+            time = frame_time(task, key)
             if not held or time.captured_ns > held[-1][0].captured_ns:
                 late |= time.arrived_ns - time.captured_ns > self._age_ns
                 held.append((time, observation if key == WHOLE else observation[key]))

@@ -1,6 +1,5 @@
 """A delay that differs from episode to episode."""
 
-from dataclasses import replace
 from typing import Any, Literal, get_args
 
 import gymnasium as gym
@@ -9,7 +8,7 @@ from gymnasium.utils import RecordConstructorArgs
 
 from laploop.envs.loop.timing.latency import LONGEST_MS, ConstantLatency, LatencyModel
 from laploop.envs.tasks.task_config import DEPTH_MODES, STRIPE_MODES
-from laploop.envs.wrappers.chain_state import StatefulWrapper, task_of
+from laploop.envs.wrappers.chain_state import StatefulWrapper
 from laploop.errors import InvalidValueError, UnknownNameError
 
 DelayedStage = Literal["transfer", "service", "pipeline", "transport"]
@@ -23,7 +22,8 @@ class DelayRandomization(StatefulWrapper):
     """Draws the time that one stage of the loop takes, for each episode anew; within the episode it is constant.
 
     So a policy learns to cope with a delay that it does not know beforehand, as with the domain randomisation of other
-    quantities. The time replaces the stage's own of the configuration. `info["delay_ms"]` tells it.
+    quantities. The time replaces the stage's own of the configuration, and wins over one that the environment's randomisation
+    draws. `info["delay_ms"]` tells it.
     """
 
     def __init__(
@@ -46,12 +46,12 @@ class DelayRandomization(StatefulWrapper):
         """
         RecordConstructorArgs.__init__(self, delay=delay, stage=stage)
         super().__init__(env)
-        self._task = task_of(env)
         if stage not in get_args(DelayedStage):
             raise UnknownNameError("stage", stage, get_args(DelayedStage))
-        mode = self._task.config.observation_mode
+        config = self.task_env.config
+        mode = config.observation_mode
         delaying = ["transport"]
-        if mode in DEPTH_MODES or self._task.config.action_mode == "residual":
+        if mode in DEPTH_MODES or config.action_mode == "residual":
             delaying += ["transfer", "service", "pipeline"]
         elif mode in STRIPE_MODES:
             delaying += ["transfer"]
@@ -70,8 +70,9 @@ class DelayRandomization(StatefulWrapper):
         if isinstance(seed, int) and seed >= 0:
             self._rng = np.random.default_rng((seed, _STREAM))
         self._delay_ms = self._drawn_ms()
-        taken = {self._stage: ConstantLatency(latency_ms=self._delay_ms)}
-        self._task.loop.timing = replace(self._task.config.loop.timing, **taken)
+        # The reset may make another loop, which takes this over.
+        loop = self.task_env.loop
+        loop.timing_changes = {**loop.timing_changes, self._stage: ConstantLatency(latency_ms=self._delay_ms)}
         observation, info = self.env.reset(seed=seed, options=options)
         return observation, info | {"delay_ms": self._delay_ms}
 

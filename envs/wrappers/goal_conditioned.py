@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from laploop.arrays import Array, Float32
 from laploop.envs.tasks.observations import bounded
 from laploop.envs.tasks.tick_record import off_goal
-from laploop.envs.wrappers.chain_state import StatefulWrapper, task_of
+from laploop.envs.wrappers.chain_state import StatefulWrapper
 from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.perception.geometry import invert_transform, transform_points
 
@@ -41,7 +41,7 @@ class GoalConditioned(StatefulWrapper):
         Args:
             env: That of a task that moves the tool and observes vectors alone.
             reward: sparse (0 within the threshold, -1 outside) or dense (minus the distance in metres).
-            distance_threshold_m: By default the success radius of the task, where it has one.
+            distance_threshold_m: By default the success radius of the task when it is wrapped, where it has one.
 
         Raises:
             InvalidValueError: If it moves the scope or observes images, or the threshold is missing or out of range.
@@ -49,7 +49,7 @@ class GoalConditioned(StatefulWrapper):
         """
         RecordConstructorArgs.__init__(self, reward=reward, distance_threshold_m=distance_threshold_m)
         super().__init__(env)
-        task = self._task = task_of(env)
+        task = self.task_env
         if reward not in get_args(RewardKind):
             raise UnknownNameError("reward", reward, get_args(RewardKind))
         if task.moves_scope:
@@ -93,9 +93,10 @@ class GoalConditioned(StatefulWrapper):
         return bool(_distance_m(achieved, desired) <= self.distance_threshold_m)
 
     def _observed(self, observation: Any) -> dict[str, Any]:
-        offset, _, position = self._task.target_offset()
-        camera_from_world = invert_transform(self._task.loop.theatre.world_from_camera())
-        goal, _, _ = off_goal(self._task)
+        task = self.task_env
+        offset, _, position = task.target_offset()
+        camera_from_world = invert_transform(task.loop.theatre.world_from_camera())
+        goal, _, _ = off_goal(task)
         return {
             "observation": np.asarray(spaces.flatten(self.env.observation_space, observation), np.float32),
             "achieved_goal": bounded(transform_points(camera_from_world, position + offset), -1.0, 1.0),

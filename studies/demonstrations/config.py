@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import JsonValue
 
 from laploop.configuration import Field, Seed, Workers, configuration, to_plain
-from laploop.envs.learning.options import LearnerOptions
+from laploop.envs.learning.options import LearnerOptions, check_not_drawn
 from laploop.envs.randomisation.files import randomisation_of
 from laploop.envs.tasks.registry import TASKS
 from laploop.errors import InvalidValueError
@@ -76,7 +76,7 @@ class DemonstrationConfig:
             raise InvalidValueError("action", self.environment.action, "tip-velocity, which is what the expert commands")
         if self.perception is not None:
             check_estimator(self.perception)
-        randomisation_of(self.randomisation)
+        check_not_drawn(self.environment, randomisation_of(self.randomisation))
 
     @property
     def keywords(self) -> dict[str, Any]:

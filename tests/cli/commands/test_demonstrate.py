@@ -44,6 +44,7 @@ def test_a_data_set_for_minari_is_written_below_the_working_folder(short, tmp_pa
     [
         (["demonstrate", "--task", "rech", "--out", "OUT"], "did you mean 'reach'"),
         (["demonstrate", "--randomisation", "wid", "--out", "OUT"], "did you mean 'wide'"),
+        (["demonstrate", "--latency-ms", "150", "--randomisation", "narrow", "--out", "OUT"], "leave latency_ms out"),
         (["demonstrate", "--format", "hdf5", "--out", "OUT"], "minari, lerobot"),
         (["demonstrate", "--episodes", "0", "--out", "OUT"], "1 to 1000000"),
         (["demonstrate", "--format", "lerobot", "--decision-period-ms", "48", "--out", "OUT"], "whole number a second"),

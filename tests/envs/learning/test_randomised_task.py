@@ -1,10 +1,18 @@
+from dataclasses import replace
+from functools import reduce
+from operator import getitem
+
 import gymnasium as gym
 import numpy as np
 import pytest
 
+from laploop.configuration import to_plain
+from laploop.envs.learning.options import SETS, LearnerOptions, applied
 from laploop.envs.learning.reach import ReachLearnerEnv
 from laploop.envs.randomisation.files import randomisation_of
 from laploop.envs.randomisation.randomisation import with_values
+from laploop.envs.tasks.registry import default_config
+from laploop.envs.theatre.organ_motion import BaseMotion
 from laploop.errors import InvalidValueError, UnknownNameError
 
 YOUNG = "loop.theatre.tissue.material.young_pa"
@@ -107,6 +115,50 @@ def test_bad_changes_leave_the_randomisation_as_it_was(learner):
     before = env.reset(seed=3)[1]["randomisation"]
     env.set_randomisation(width=1.0)
     assert env.reset(seed=3)[1]["randomisation"] == before
+
+
+@pytest.mark.parametrize(
+    ("keywords", "randomisation", "words"),
+    [
+        ({"latency_ms": 150}, "narrow", r"latency_ms is 150.*draws loop.timing.service.latency_ms; leave latency_ms out"),
+        ({"latency_ms": 40.0}, {"loop.timing.service": {"choice": [{}]}}, "draws loop.timing.service; leave"),
+        ({"motion": "still"}, "wide", "motion is 'still'; .* draws loop.theatre.motion.breathing_peak_to_peak_m"),
+        ({"fidelity": "fast"}, {"loop.physics_hz": {"choice": [250.0, 500.0]}}, "fidelity is 'fast'; .* draws loop.physics_hz"),
+    ],
+)
+def test_a_keyword_that_would_be_drawn_over_is_refused_then_and_later(keywords, randomisation, words):
+    with pytest.raises(InvalidValueError, match=words):
+        gym.make("laploop/Track-v1", randomisation=randomisation, **keywords)
+    env = gym.make("laploop/Track-v1", randomisation=SOFTNESS, **keywords).unwrapped
+    try:
+        with pytest.raises(InvalidValueError, match=words):
+            env.set_randomisation(randomisation, width=0.5)
+        assert env.reset(seed=3)[1]["randomisation"].keys() == SOFTNESS.keys()
+    finally:
+        env.close()
+
+
+def test_keywords_that_nothing_is_drawn_over_hold_and_those_that_are_none_set_nothing():
+    paths = randomisation_of("narrow").plain
+    del paths["loop.timing.service.latency_ms"]
+    keywords = {"latency_ms": 150, "motion": "breathing", "fidelity": "fast", "perception": "oracle"}
+    env = gym.make("laploop/Track-v1", randomisation=paths, **keywords).unwrapped
+    try:
+        env.reset(seed=4)
+        loop = env.task_env.config.loop
+        assert (loop.timing.service.latency_ms, loop.physics_hz) == (150.0, 250.0)
+        assert loop.theatre.motion == BaseMotion.named("breathing")
+    finally:
+        env.close()
+    gym.make("laploop/Track-v1", randomisation="wide", latency_ms=None, motion=None).close()
+
+
+@pytest.mark.parametrize(("keyword", "value"), [("motion", "both"), ("latency_ms", 15.0), ("fidelity", "fast")])
+def test_what_a_keyword_sets_is_known(keyword, value):
+    config = replace(default_config("reach"), observation_mode="state")
+    changed = applied(LearnerOptions(**{keyword: value}), config, strict=False)
+    values = {path: reduce(getitem, path.split("."), to_plain(changed)) for path in SETS[keyword]}
+    assert changed == with_values(config, values) != config
 
 
 def test_a_randomised_scope_needs_an_estimator_by_name(learner):

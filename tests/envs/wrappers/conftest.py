@@ -1,9 +1,14 @@
 import threading
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
+
+from laploop.assets.tissue_config import TissueConfig, TissueShape
+from laploop.envs.fidelity import with_fidelity
+from laploop.envs.tasks.registry import default_config, environment_id
 
 
 class Decisions(gym.Env):
@@ -55,3 +60,21 @@ def decisions(task_env):
         return Decisions(task_env(task, observation_mode=image or "state", **changes), image)
 
     return make
+
+
+@pytest.fixture
+def randomised():
+    """Make environments whose episodes differ by Gymnasium, on coarse tissue with exact depth, that are closed at the end."""
+    made = []
+
+    def make(observation="state", task="reach", randomisation="wide"):
+        config = with_fidelity(default_config(task), "fast")
+        tissue = TissueConfig(shape=TissueShape(samples=31), cells=(4, 4), contact_every=2)
+        loop = replace(config.loop, theatre=replace(config.loop.theatre, tissue=tissue))
+        keywords = {"config": replace(config, loop=loop), "perception": "oracle", "randomisation": randomisation}
+        made.append(gym.make(environment_id(task, 1), observation=observation, **keywords))
+        return made[-1]
+
+    yield make
+    for env in made:
+        env.close()

@@ -70,6 +70,15 @@ def test_actions_stay_within_their_bounds():
         ({"task": "mine:SPEC"}, InvalidValueError, "name of a registered task"),
         ({"task": "reach", "environment": LearnerOptions(action="residual")}, InvalidValueError, "what the expert commands"),
         ({"task": "reach", "perception": "compakt"}, UnknownNameError, "did you mean 'compact'"),
+        (
+            {
+                "task": "reach",
+                "environment": LearnerOptions(motion="still"),
+                "randomisation": {"loop.theatre.motion.breathing_hz": {"uniform": [0.2, 0.3]}},
+            },
+            InvalidValueError,
+            "leave motion out",
+        ),
         ({"task": "reach", "randomisation": {"a": {"unifrom": [1, 2]}}}, UnknownNameError, "did you mean 'uniform'"),
     ],
 )
