@@ -149,7 +149,7 @@ def _summary(config: EpisodeConfig, env: TaskEnv[Any], infos: list[dict[str, Any
         "depth_mae_mm": float(np.mean(depth_errors)) if depth_errors else float("nan"),
         "depth_valid_fraction": float(np.mean([info["depth_valid_fraction"] for info in infos])),
         # Of the target's surroundings; 0 for a controller that does not say.
-        "depth_jump_fraction": {"max": max(info.get("depth_jump_fraction", 0.0) for info in infos)},
+        "depth_jump_fraction": {"max": max(info["depth_jump_fraction"] or 0.0 for info in infos)},
         "depth_age_ms": {"mean": float(np.mean(ages)), "p99": float(np.percentile(ages, 99))},
         "stage_ms": env.loop.timer.median_ms(),
     }
