@@ -26,7 +26,7 @@ class InMemory:
             self.card = Card.of(config, "all", learner, Expert(learner).parameters)
         finally:
             env.close()
-        names = ("observations", "actions", "rewards", "terminations", "truncations", "outcome")
+        names = ("observations", "actions", "expert_actions", "rewards", "terminations", "truncations", "outcome")
         self.recorded = RecordedEpisode(**{**{name: getattr(demonstration, name) for name in names}, **changes})
 
     def episode(self, index):
