@@ -13,11 +13,12 @@ from laploop.envs.learning.learner_env import LearnerEnv
 from laploop.envs.learning.options import LearnerOptions
 from laploop.envs.tasks.registry import TASKS, environment_id
 from laploop.errors import DatasetError, LaploopError
+from laploop.studies.code_digest import code_digest
 from laploop.studies.demonstrations.config import DemonstrationConfig
 from laploop.studies.demonstrations.damage import REMEDY
 
 LAYOUT = 1
-"""Of the card; raised when what it says changes."""
+"""Of the card; raised when earlier cards can no longer be read."""
 
 
 @configuration
@@ -43,6 +44,8 @@ class Card:
     expert: dict[str, Any]
     """Controller, its configuration, the estimator it used, and what led it off its path."""
     keep: str
+    code: str = ""
+    """Hash of the code that made them, which changes within a version; empty in earlier data sets."""
     layout: int = LAYOUT
 
     @classmethod
@@ -64,6 +67,7 @@ class Card:
                 "perturbation": to_plain(config.perturbation),
             },
             keep=keep,
+            code=code_digest("demonstrations"),
         )
 
     @classmethod
