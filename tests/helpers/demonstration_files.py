@@ -19,17 +19,17 @@ SPACES = {
 }
 
 
-def made_up(seed, *, success=True, observation="state", decisions=None):
-    """An episode of random numbers."""
+def made_up(seed, *, success=True, observation="state", decisions=None, space=None):
+    """An episode of random numbers, observed in one of `SPACES` or in a space of its own."""
     rng = np.random.default_rng(seed)
     count = decisions or 3 + seed % 3
 
-    def drawn(space):
-        if space.dtype == np.uint8:
-            return rng.integers(0, 256, (count + 1, *space.shape), dtype=np.uint8)
-        return rng.normal(size=(count + 1, *space.shape)).astype(np.float32)
+    def drawn(part):
+        if part.dtype == np.uint8:
+            return rng.integers(0, 256, (count + 1, *part.shape), dtype=np.uint8)
+        return rng.normal(size=(count + 1, *part.shape)).astype(np.float32)
 
-    space = SPACES[observation]
+    space = space or SPACES[observation]
     parts = space.spaces if isinstance(space, spaces.Dict) else {"state": space}
     ends = np.arange(count) == count - 1
     return Demonstration(
