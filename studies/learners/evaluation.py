@@ -23,7 +23,7 @@ UNSEEN_SEED = 1_000_000
 RESULT = "summary.json"
 
 Policy = Callable[[Any], NDArray[np.floating[Any]]]
-"""From an observation to an action. One that remembers has a method `reset()`, without arguments, called before each episode."""
+"""From an observation to an action. One that remembers has a method `reset()`, called before each episode."""
 
 _QUANTITIES = ("total_return", "steps", "error_mm", "force_n")
 
