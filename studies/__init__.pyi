@@ -35,6 +35,7 @@ from .learners.evaluation import write_result as write_result
 from .learners.policy_file import save_policy as save_policy
 from .learners.sb3_policy import load_into as load_into
 from .learners.sb3_policy import load_sb3 as load_sb3
+from .learners.sb3_policy import save_sb3 as save_sb3
 from .learners.target_in_depth import TargetInDepth as TargetInDepth
 from .ray_cluster import ray_cluster as ray_cluster
 from .sweeps.engine import Engine as Engine
@@ -98,6 +99,7 @@ __all__ = [
     "run_task_table",
     "run_trials",
     "save_policy",
+    "save_sb3",
     "verdict",
     "write_result",
 ]

@@ -1,6 +1,5 @@
 """Bad files of every kind that commands read: each refused in one line, with status 2, and nothing written."""
 
-import json
 import shutil
 import struct
 from collections.abc import Callable
@@ -10,6 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zarr
+from damaged_demonstrations import LEROBOT, MINARI, edited
+from demonstration_files import card_of, made_up, spaces_for
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.cli.main import main
@@ -19,6 +20,9 @@ from laploop.perception.data.frame_store import FrameStore
 from laploop.perception.data.pair_store import PairFrame, PairStore
 from laploop.perception.geometry import Intrinsics, Rig
 from laploop.perception.reprojection import BrownDistortion
+from laploop.studies.demonstrations.lerobot_writer import write_lerobot
+from laploop.studies.demonstrations.minari_format import write_minari
+from laploop.studies.demonstrations.recorded import open_demonstrations
 
 OPTICS = ScopeOptics(width=64, height=64)
 REGION = Intrinsics(width=24, height=20, fx=80.0, fy=80.0, cx=12.0, cy=10.0)
@@ -81,6 +85,11 @@ class GoodFiles:
         )
         for index in range(3):
             pairs.write(index, frame, {"index": index})
+        self.lerobot, self.minari = folder / "lerobot", folder / "minari"
+        self.lerobot.mkdir()
+        write_lerobot(self.lerobot, card_of("depth+state"), [made_up(seed, observation="depth+state") for seed in range(2)])
+        self.minari.mkdir()
+        write_minari(self.minari, card_of(), spaces_for("state"), [made_up(seed) for seed in range(2)])
 
 
 def _written(content: bytes | str, name: str = "file") -> Callable[[Path, GoodFiles], Path]:
@@ -116,12 +125,6 @@ def _copied(kind: str, damage: Callable[[Path], object]) -> Callable[[Path, Good
     return make
 
 
-def _edited(path: Path, change: Callable[[dict], object]) -> None:
-    content = json.loads(path.read_text())
-    change(content)
-    path.write_text(json.dumps(content))
-
-
 def _flipped(path: Path) -> None:
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 16
@@ -129,7 +132,7 @@ def _flipped(path: Path) -> None:
 
 
 def _attributes(change: Callable[[dict], object]) -> Callable[[Path], None]:
-    return lambda path: _edited(path / "zarr.json", lambda content: change(content["attributes"]))
+    return lambda path: edited(path / "zarr.json", lambda content: change(content["attributes"]))
 
 
 STRUCTURE = {
@@ -137,14 +140,14 @@ STRUCTURE = {
     "empty metadata": lambda path: (path / "zarr.json").write_bytes(b""),
     "binary metadata": lambda path: (path / "zarr.json").write_bytes(bytes(range(256))),
     "deep metadata": lambda path: (path / "zarr.json").write_text("[" * 100_000),
-    "no attributes": lambda path: _edited(path / "zarr.json", lambda content: content.update(attributes={})),
+    "no attributes": lambda path: edited(path / "zarr.json", lambda content: content.update(attributes={})),
     "no config": _attributes(lambda attributes: attributes.pop("config")),
     "another baseline": _attributes(lambda attributes: attributes["optics"].update(baseline_m=0.007)),
     "older version": _attributes(lambda attributes: attributes.update(format=f"{attributes['format'][:-1]}1")),
     "no depth": lambda path: shutil.rmtree(path / "depth_mm"),
     "truncated array": lambda path: (path / "image" / "zarr.json").write_text('{"shape": [3,'),
-    "another type": lambda path: _edited(path / "depth_mm" / "zarr.json", lambda content: content.update(data_type="int32")),
-    "another shape": lambda path: _edited(path / "image" / "zarr.json", lambda content: content.update(shape=[3, 32, 32])),
+    "another type": lambda path: edited(path / "depth_mm" / "zarr.json", lambda content: content.update(data_type="int32")),
+    "another shape": lambda path: edited(path / "image" / "zarr.json", lambda content: content.update(shape=[3, 32, 32])),
     "missing plan": lambda path: (path / "split" / "c" / "0").unlink(),
     "flipped plan": lambda path: _flipped(path / "tissue_seed" / "c" / "0"),
 }
@@ -182,7 +185,7 @@ DATA_SETS = [
     *(BadFile(name=f"pairs: {name}", make=_copied("pairs", damage), command=_evaluate) for name, damage in STRUCTURE.items()),
     BadFile(
         name="pairs: calibration of another",
-        make=_copied("pairs", lambda path: _edited(path / "calibration.json", lambda content: content.update(version=1.0))),
+        make=_copied("pairs", lambda path: edited(path / "calibration.json", lambda content: content.update(version=1.0))),
         command=_evaluate,
     ),
     BadFile(
@@ -202,6 +205,17 @@ DATA_SETS = [
         BadFile(name=f"pairs, evaluate: {name}", make=_copied("pairs", _chunk_of(2, damage)), command=_evaluate)
         for name, damage in CHUNKS.items()
     ),
+]
+
+
+def _replay(path, _good):
+    return ["replay", str(path)]
+
+
+DEMONSTRATIONS = [
+    *(BadFile(name=f"demonstrations: {name}", make=make, command=_replay) for name, make in NO_FILES.items()),
+    *(BadFile(name=f"LeRobot: {name}", make=_copied("lerobot", damage), command=_replay) for name, damage in LEROBOT.items()),
+    *(BadFile(name=f"Minari: {name}", make=_copied("minari", damage), command=_replay) for name, damage in MINARI.items()),
 ]
 
 
@@ -241,7 +255,7 @@ WEIGHTS = [
 def _spoilt_calibration(change: Callable[[dict], object]) -> Callable[[Path, GoodFiles], Path]:
     def make(folder, good):
         shutil.copy(good.calibration, folder / "calibration.json")
-        _edited(folder / "calibration.json", change)
+        edited(folder / "calibration.json", change)
         return folder / "calibration.json"
 
     return make
@@ -322,7 +336,7 @@ CONFIGURATIONS = [
     }.items()
 ]
 
-BAD_FILES = [*DATA_SETS, *WEIGHTS, *CALIBRATIONS, *TRACES, *PHANTOMS, *CONFIGURATIONS]
+BAD_FILES = [*DATA_SETS, *DEMONSTRATIONS, *WEIGHTS, *CALIBRATIONS, *TRACES, *PHANTOMS, *CONFIGURATIONS]
 
 
 @pytest.fixture(scope="module")
@@ -353,3 +367,6 @@ def test_the_good_files_are_good(good):
     """Otherwise what is refused above might be refused for another reason."""
     for kind, path in ((FrameStore, good.frames), (PairStore, good.pairs)):
         kind.open(path).verify(range(3))
+    for path in (good.lerobot, good.minari):
+        found = open_demonstrations(path)
+        assert [found.episode(index).outcome for index in range(found.count)] == [made_up(seed).outcome for seed in range(2)]

@@ -20,8 +20,8 @@ class DemonstrateArguments:
     """Let the scripted controller of a task show how it is done, led off its path now and then, and keep what a learner needs.
 
     Writes a data set, to `DIR/minari/laploop/TASK-v0` or `DIR/lerobot`, and `summary.json`. Finished episodes are kept in
-    `DIR/episodes`: the same command resumes where it was stopped, and takes them for another format or more episodes; remove
-    that folder when it is done. The exit status is 1 if fewer episodes succeeded than were wanted.
+    `DIR/episodes`: the same command and code resume where they were stopped, and take them for another format or more episodes;
+    remove that folder when it is done. The exit status is 1 if fewer episodes succeeded than were wanted.
     """
 
     task: str = "reach"

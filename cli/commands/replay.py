@@ -39,10 +39,12 @@ def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     chosen = parse(ReplayArguments, arguments, "replay")
 
+    from laploop.studies.code_digest import code_digest
     from laploop.studies.demonstrations.recorded import checked_index, open_demonstrations  # slow to import
     from laploop.studies.demonstrations.replay import replay
 
     found = open_demonstrations(chosen.dataset)
+    same_code = found.card.code == code_digest("demonstrations")
     outcome = found.episode(checked_index(chosen.episode, found.count)).outcome
     with ExitStack() as outer:
         folder = None if chosen.out is None else outer.enter_context(OutputFolder(chosen.out, "replay"))
@@ -61,11 +63,17 @@ def main(arguments: Sequence[str]) -> int:
                 progress=advance_to,
             )
         if folder is not None:
-            results = {"frames": result.frames, "differing_frames": result.differing_frames, "differences": result.differences}
+            results = {
+                "frames": result.frames,
+                "differing_frames": result.differing_frames,
+                "differences": result.differences,
+                "same_code": same_code,
+            }
             folder.write_summary({"task": found.card.task, **results}, config=chosen, seed=outcome["seed"])
     table = ResultTable(f"{found.card.task}, episode {chosen.episode}, seed {outcome['seed']}")
     table.row("frames compared", str(result.frames))
     table.row("frames that differ", str(result.differing_frames))
+    table.row("made by", "this code" if same_code else "other code of this version")
     for one in result.differences[:_SHOWN]:
         table.row(f"frame {one.frame}, {one.what}", one.largest, f"off at most, {one.entries} numbers")
     if len(result.differences) > _SHOWN:

@@ -1,8 +1,9 @@
-"""Learn to touch a point of the tissue from demonstrations alone: behaviour cloning of depth maps and state, in plain torch.
+r"""Learn to touch a point of the tissue from demonstrations alone: behaviour cloning of depth maps and state, in plain torch.
 
 The scripted controller shows how it is done, led off its path now and then so that the data hold how it finds back:
 
-    laploop demonstrate --task reach --observation depth+state --fidelity fast --perception oracle --out runs/demonstrations
+    laploop demonstrate --task reach --observation depth+state --fidelity fast --perception oracle --episodes 200 \
+        --out runs/demonstrations
     python examples/learning/behaviour_cloning.py --data runs/demonstrations --out runs/cloning
 """
 
@@ -12,11 +13,11 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import torch
-from minari import MinariDataset
 from torch import nn
 
 import laploop  # noqa: F401  registers the environments
-from laploop.studies import Curve, Training, evaluate, save_policy, verdict, write_result
+from laploop.errors import LaploopError
+from laploop.studies import Curve, Training, evaluate, open_demonstrations, save_policy, verdict, write_result
 
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("--data", type=Path, default=Path("runs/demonstrations"), help="what `laploop demonstrate` wrote")
@@ -28,6 +29,7 @@ options = parser.parse_args()
 
 ENVIRONMENT = "laploop/Reach-v1"
 KEYWORDS = {"observation": "depth+state", "perception": "oracle", "fidelity": "fast"}
+DEMONSTRATE = "laploop demonstrate --task reach --observation depth+state --fidelity fast --perception oracle --episodes 200"
 EVERY = 4  # of the rows and columns of a map: 64 x 64 are enough to see where the tissue is
 
 
@@ -58,19 +60,21 @@ def shrunk(depth):
 
 
 torch.manual_seed(options.seed)
-found = sorted(options.data.glob("minari/laploop/*/data/metadata.json"))
-if not found:
-    parser.error(f"{options.data} holds no Minari data set; `laploop demonstrate` writes one")
-dataset = MinariDataset(found[0].parent)
 depths, states, wanted = [], [], []
-for episode in dataset.iterate_episodes():
-    # What the expert would have done, not what was done where it was led off its path; after the last step nothing is done.
-    actions = episode.infos.get("expert_action", episode.actions)[: len(episode.actions)]
-    depths.append(shrunk(episode.observations["depth"][:-1]))
-    states.append(torch.as_tensor(episode.observations["state"][:-1]))
-    wanted.append(torch.as_tensor(np.asarray(actions, np.float32)))
+try:
+    data = open_demonstrations(options.data)
+    if (made := (data.card.environment, data.card.keywords)) != (ENVIRONMENT, KEYWORDS):
+        parser.error(f"{options.data} shows {made}, not {(ENVIRONMENT, KEYWORDS)}; make it with\n  {DEMONSTRATE} --out DIR")
+    for episode in map(data.episode, range(data.count)):
+        # What the expert would have done, not what was done where it was led off its path; the end is followed by no decision.
+        decisions = len(episode.expert_actions)
+        depths.append(shrunk(episode.observations["depth"][:decisions]))
+        states.append(torch.tensor(episode.observations["state"][:decisions]))
+        wanted.append(torch.tensor(episode.expert_actions))
+except LaploopError as error:
+    parser.error(f"{error}\n  {DEMONSTRATE} --out DIR")
 depths, states, wanted = torch.cat(depths), torch.cat(states), torch.cat(wanted)
-print(f"{dataset.total_episodes} episodes, {len(wanted)} decisions")
+print(f"{data.count} episodes, {len(wanted)} decisions")
 
 policy = DepthStatePolicy(states.shape[1])
 optimizer = torch.optim.AdamW(policy.parameters(), lr=1e-3)

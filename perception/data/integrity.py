@@ -30,8 +30,12 @@ def open_group(path: Path, command: str, *, writable: bool = False) -> Any:
 
 
 @contextmanager
-def refusing_damage(what: str) -> Iterator[None]:
-    """Turn every error that damaged files cause in Zarr, JSON or the system into one of ours.
+def refusing_damage(what: str, remedy: str = "") -> Iterator[None]:
+    """Turn every error that damaged files cause in Zarr, Parquet, JSON or the system into one of ours.
+
+    Args:
+        what: The file or data set.
+        remedy: What the user can do about it.
 
     Raises:
         DatasetError: If the block raises any other error.
@@ -42,7 +46,7 @@ def refusing_damage(what: str) -> Iterator[None]:
         raise
     except Exception as error:
         reason = str(error).partition("\n")[0][:200] or type(error).__name__
-        raise DatasetError(f"{what} cannot be used: {reason}") from error
+        raise DatasetError(f"{what} cannot be used: {reason}{remedy and f'; {remedy}'}") from error
 
 
 @contextmanager

@@ -1,26 +1,27 @@
 """What a data set says of itself."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from pydantic import JsonValue
 
-from laploop.configuration import to_plain
+from laploop.configuration import configuration, from_plain, to_plain
 from laploop.envs.learning.encoding import DEPTH_FAR_MM, DEPTH_NEAR_MM
 from laploop.envs.learning.learner_env import LearnerEnv
 from laploop.envs.learning.options import LearnerOptions
 from laploop.envs.tasks.registry import TASKS, environment_id
 from laploop.errors import DatasetError, LaploopError
+from laploop.studies.code_digest import code_digest
 from laploop.studies.demonstrations.config import DemonstrationConfig
+from laploop.studies.demonstrations.damage import REMEDY
 
 LAYOUT = 1
-"""Of the card; raised when what it says changes."""
+"""Of the card; raised when earlier cards can no longer be read."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@configuration
 class Card:
     """Everything with which the episodes can be made again; plain data."""
 
@@ -43,6 +44,8 @@ class Card:
     expert: dict[str, Any]
     """Controller, its configuration, the estimator it used, and what led it off its path."""
     keep: str
+    code: str = ""
+    """Hash of the code that made them, which changes within a version; empty in earlier data sets."""
     layout: int = LAYOUT
 
     @classmethod
@@ -64,6 +67,7 @@ class Card:
                 "perturbation": to_plain(config.perturbation),
             },
             keep=keep,
+            code=code_digest("demonstrations"),
         )
 
     @classmethod
@@ -71,25 +75,27 @@ class Card:
         """Make a card from what a data set holds.
 
         Raises:
-            DatasetError: If it is none, or of another version of laploop.
+            DatasetError: If it is none, of another layout, damaged, or of another version of laploop.
             UnknownNameError: If there is no such task.
         """
         if not isinstance(plain, Mapping) or "laploop" not in plain:
             raise DatasetError(f"{place} does not hold demonstrations; `laploop demonstrate` writes them")
-        if plain["laploop"] != version("laploop") or plain.get("layout") != LAYOUT:
+        if plain["laploop"] != version("laploop"):
             made = f"{place} was made by laploop {plain['laploop']}, this is {version('laploop')}"
-            raise DatasetError(f"{made}; episodes come out the same with the version that made them alone")
+            raise DatasetError(f"{made}; episodes come out the same with the version that made them alone; {REMEDY}")
+        if (layout := plain.get("layout")) != LAYOUT:
+            raise DatasetError(f"the card of {place} has the layout {layout!r}; allowed: {LAYOUT}; {REMEDY}")
         try:
-            card = cls(**{**plain, "depth_range_mm": tuple(plain["depth_range_mm"])})
-        except (TypeError, KeyError) as error:
-            raise DatasetError(f"the card of {place} is damaged: {error}") from error
+            card = from_plain(cls, plain)
+        except LaploopError as error:
+            raise DatasetError(f"the card of {place} is damaged: {error}; {REMEDY}") from error
         TASKS.check(card.task)
         return card
 
     @property
     def plain(self) -> dict[str, JsonValue]:
         """As JSON has it."""
-        return {**asdict(self), "depth_range_mm": list(self.depth_range_mm)}
+        return to_plain(self)
 
     def config(self) -> DemonstrationConfig:
         """Return what was demonstrated, as far as it makes an environment.

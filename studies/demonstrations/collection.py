@@ -34,8 +34,8 @@ def collect(
 ) -> Collection:
     """Run the episodes that are not on disk yet, until there are as many as wanted.
 
-    Finished episodes are in `out/episodes`; those of the same configuration and version of laploop are not run again. The
-    seeds that are tried do not depend on the number of workers: as many as are still wanted, again and again.
+    Finished episodes are in `out/episodes`; those of the same configuration and the same code of laploop are not run again.
+    The seeds that are tried do not depend on the number of workers: as many as are still wanted, again and again.
 
     Args:
         config: What is demonstrated.
@@ -47,7 +47,8 @@ def collect(
         LaploopError: If something is wrong for every episode.
         WorkerError: If the worker processes cannot be started, or one of them dies.
     """
-    folder = EpisodeFolder(out / EPISODES_FOLDER, config.key)
+    key = config.key
+    folder = EpisodeFolder(out / EPISODES_FOLDER, key)
     outcomes: dict[int, Outcome] = {}
     end = collection.seed
 
@@ -64,7 +65,7 @@ def collect(
         wanted = min(wanted, collection.seed + _MOST_TRIED * collection.episodes - end)
         if wanted <= 0:
             break
-        jobs = [_Job(config=config, path=folder.path, seed=seed) for seed in range(end, end + wanted)]
+        jobs = [_Job(config=config, path=folder.path, key=key, seed=seed) for seed in range(end, end + wanted)]
         end += wanted
         missing = []
         for job in jobs:
@@ -83,6 +84,8 @@ def collect(
 class _Job:
     config: DemonstrationConfig
     path: Path
+    key: str
+    """Made once, before the first episode: code that is changed meanwhile is not what a worker has loaded."""
     seed: int
 
 
@@ -91,5 +94,5 @@ def _run(job: _Job) -> Outcome:
         demonstration = demonstrate(job.config, job.seed)
     except (SimulationError, InfeasibleError) as error:
         return {"seed": job.seed, "success": False, "error": str(error)}
-    EpisodeFolder(job.path, job.config.key).save(demonstration)
+    EpisodeFolder(job.path, job.key).save(demonstration)
     return demonstration.outcome

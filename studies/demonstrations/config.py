@@ -13,6 +13,7 @@ from laploop.envs.randomisation.files import randomisation_of
 from laploop.envs.tasks.registry import TASKS
 from laploop.errors import InvalidValueError
 from laploop.perception.estimators.registry import check_estimator
+from laploop.studies.code_digest import code_digest
 
 Seconds = Annotated[float, Field(gt=0.0, le=60.0)]
 KeepName = Literal["success", "all"]
@@ -88,6 +89,6 @@ class DemonstrationConfig:
 
     @property
     def key(self) -> str:
-        """A hash of all that decides an episode, apart from its seed."""
-        decisive = {**to_plain(self), "version": version("laploop")}
+        """A hash of all that decides an episode, apart from its seed: this, and the code that runs it."""
+        decisive = {**to_plain(self), "version": version("laploop"), "code": code_digest("demonstrations")}
         return hashlib.sha256(json.dumps(decisive, sort_keys=True).encode()).hexdigest()

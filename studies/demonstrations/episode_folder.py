@@ -20,7 +20,7 @@ _ARRAYS = tuple(field.name for field in fields(Demonstration) if field.name not 
 
 
 class EpisodeFolder:
-    """A folder with a compressed file for each seed; those of another configuration or version do not count."""
+    """A folder with a compressed file for each seed; those of another configuration or other code do not count."""
 
     def __init__(self, path: Path, key: str) -> None:
         """Take the folder and the key of the configuration."""

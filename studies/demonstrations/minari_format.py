@@ -1,6 +1,5 @@
 """Demonstrations as a Minari data set: Parquet, images without loss, the card in its metadata."""
 
-import json
 import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -11,9 +10,11 @@ import numpy as np
 from gymnasium import spaces
 
 from laploop.errors import DatasetError
+from laploop.perception.data.integrity import refusing_damage
 from laploop.studies.demonstrations.card import Card
+from laploop.studies.demonstrations.damage import REMEDY, read_table, require
 from laploop.studies.demonstrations.demonstration import VECTOR, Demonstration, Observations
-from laploop.studies.demonstrations.recorded import RecordedEpisode, checked_index
+from laploop.studies.demonstrations.recorded import RecordedEpisode, checked_episode, checked_index
 
 if TYPE_CHECKING:
     from minari import MinariDataset
@@ -21,6 +22,19 @@ if TYPE_CHECKING:
 
 CARD = "laploop"
 """Key of the card in the metadata of the data set, and of the outcome in those of an episode."""
+
+_METADATA = "metadata.json"
+_FORMAT = "parquet"
+_NEEDED = (
+    "dataset_id",
+    "minari_version",
+    "data_format",
+    "total_episodes",
+    "total_steps",
+    "observation_space",
+    "action_space",
+)
+"""Of the metadata. Minari would do without the spaces, and make the environment that a foreign data set describes."""
 
 
 def dataset_id(task: str) -> str:
@@ -39,7 +53,7 @@ def write_minari(folder: Path, card: Card, env: gym.Env[Any, Any], demonstration
         observation_space=env.observation_space,
         action_space=env.action_space,
         env_spec=env.spec,
-        data_format="parquet",
+        data_format=_FORMAT,
         jpeg_encoding=False,
     )
     storage.update_metadata(
@@ -89,11 +103,11 @@ class MinariDemonstrations:
         Raises:
             DatasetError: If it is damaged, of another kind, or made by another version of laploop.
         """
-        try:
-            metadata = json.loads((folder / "metadata.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise DatasetError(f"the metadata of {folder} cannot be read: {error}") from error
-        self.card = Card.read(metadata.get(CARD) if isinstance(metadata, dict) else None, folder)
+        metadata = read_table(folder / _METADATA)
+        self.card = Card.read(metadata.get(CARD), folder)
+        require(folder / _METADATA, "field", _NEEDED, metadata)
+        if (found := metadata["data_format"]) != _FORMAT:
+            raise DatasetError(f"{folder / _METADATA} has the data_format {found!r}; allowed: {_FORMAT!r}; {REMEDY}")
         self.dataset = self._opened(folder)
         """Minari's own."""
         self.count = self.dataset.total_episodes
@@ -102,29 +116,29 @@ class MinariDemonstrations:
     def episode(self, index: int) -> RecordedEpisode:
         """Return an episode; raises as `RecordedDemonstrations.episode`."""
         checked_index(index, self.count)
-        try:
+        place = f"episode {index} of {self._folder}"
+        with refusing_damage(place, REMEDY):
             found = self.dataset[index]
             (metadata,) = self.dataset.storage.get_episode_metadata([index])
-            return RecordedEpisode(
+            require(place, "infos", ["expert_action"], found.infos)
+            episode = RecordedEpisode(
                 observations=_by_key(found.observations),
                 actions=np.asarray(found.actions),
+                expert_actions=np.asarray(found.infos["expert_action"])[: len(found.actions)],
                 rewards=np.asarray(found.rewards),
                 terminations=np.asarray(found.terminations, np.bool_),
                 truncations=np.asarray(found.truncations, np.bool_),
-                outcome=metadata[CARD],
+                outcome=metadata.get(CARD),
             )
-        except (OSError, ValueError, KeyError) as error:
-            raise DatasetError(f"episode {index} of {self._folder} cannot be read: {error}") from error
+        return checked_episode(episode, place)
 
     def _opened(self, folder: Path) -> "MinariDataset":
         try:
             from minari import MinariDataset
         except ImportError as error:
             raise DatasetError(f"{folder} needs Minari; install the extra: pip install 'laploop[learning]'") from error
-        try:
+        with refusing_damage(f"{folder / _METADATA}", REMEDY):
             return MinariDataset(folder)
-        except (AssertionError, ValueError, KeyError) as error:
-            raise DatasetError(f"{folder} cannot be opened by Minari: {error}") from error
 
 
 def _by_key(observations: Any) -> Observations:

@@ -23,7 +23,7 @@ UNSEEN_SEED = 1_000_000
 RESULT = "summary.json"
 
 Policy = Callable[[Any], NDArray[np.floating[Any]]]
-"""From an observation to an action."""
+"""From an observation to an action. One that remembers has a method `reset()`, called before each episode."""
 
 _QUANTITIES = ("total_return", "steps", "error_mm", "force_n")
 
@@ -66,7 +66,7 @@ def evaluate(
     """Run a policy on the episodes of the seeds from `UNSEEN_SEED` on, one after another.
 
     Args:
-        policy: Asked once a step. One that remembers should be told of a new episode by its `reset`, if it has one.
+        policy: Asked once a step, and told of a new episode by its `reset`, if it has one.
         env: An environment of a task for learners, wrapped or not.
         episodes: How many.
         progress: Called with the number of episodes so far.
@@ -85,7 +85,9 @@ def evaluate(
 
 
 def score_episode(policy: Policy, env: gym.Env[Any, Any], seed: int) -> EpisodeScore:
-    """Run a policy on the episode of a seed."""
+    """Run a policy on the episode of a seed; it is told of it by its `reset`, if it has one."""
+    if callable(reset := getattr(policy, "reset", None)):
+        reset()
     observation, info = env.reset(seed=seed)
     total, steps, force, ended = 0.0, 0, 0.0, False
     while not ended:

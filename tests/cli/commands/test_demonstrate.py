@@ -26,9 +26,11 @@ def test_demonstrations_are_written_told_and_replayed(short, tmp_path, capsys):
 
     out = tmp_path / "replayed"
     assert main(["replay", str(tmp_path), "--episode", "1", "--out", str(out)]) == 0
-    assert "frames that differ" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "frames that differ" in printed
+    assert "this code" in printed
     summary = json.loads((out / "summary.json").read_text())
-    assert (summary["frames"], summary["differing_frames"]) == (10, 0)
+    assert (summary["frames"], summary["differing_frames"], summary["same_code"]) == (10, 0, True)
     assert (out / "recording.rrd").stat().st_size > 10_000
 
 

@@ -3,6 +3,7 @@ import pytest
 
 from laploop.errors import InvalidValueError, SimulationError
 from laploop.studies.demonstrations import collection as module
+from laploop.studies.demonstrations import config as config_module
 from laploop.studies.demonstrations.collection import collect
 from laploop.studies.demonstrations.config import CollectionConfig
 from laploop.studies.demonstrations.dataset import make_dataset, summarise
@@ -72,6 +73,14 @@ def test_an_interrupted_collection_goes_on_where_it_was_to_the_same_episodes(run
 def test_episodes_of_another_configuration_do_not_count(runs, reach, tmp_path):
     collect(reach(), CollectionConfig(episodes=1), tmp_path)
     collect(reach(observation="depth"), CollectionConfig(episodes=1), tmp_path)
+    assert runs == [0, 0]
+
+
+def test_episodes_of_other_code_do_not_count(runs, reach, tmp_path, monkeypatch):
+    collect(reach(), CollectionConfig(episodes=1), tmp_path)
+    monkeypatch.setattr(config_module, "code_digest", lambda study: f"other code of {study}")
+    collect(reach(), CollectionConfig(episodes=1), tmp_path)
+    collect(reach(), CollectionConfig(episodes=1), tmp_path)
     assert runs == [0, 0]
 
 

@@ -1,5 +1,6 @@
 import io
 import json
+import re
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -41,7 +42,9 @@ def test_minari_returns_what_was_recorded(tmp_path, episode, card, spaces_of, ob
         np.testing.assert_array_equal(found.infos["is_success"], one.successes)
     (metadata,) = dataset.storage.get_episode_metadata([1])
     assert metadata["seed"] == 4
-    assert MinariDemonstrations(tmp_path).episode(1).outcome == written[1].outcome
+    read = MinariDemonstrations(tmp_path).episode(1)
+    assert read.outcome == written[1].outcome
+    np.testing.assert_array_equal(read.expert_actions, written[1].expert_actions[:-1])
 
 
 def test_minari_finds_the_data_set_by_its_id(tmp_path, episode, card, spaces_of, monkeypatch):
@@ -100,6 +103,7 @@ def test_the_reader_of_lerobot_gives_the_environments_observations_again(tmp_pat
         for key, array in one.observations.items():
             np.testing.assert_array_equal(read.observations[key], array[:-1])
             assert read.observations[key].dtype == array.dtype
+        np.testing.assert_array_equal(read.expert_actions, one.expert_actions[:-1])
         np.testing.assert_array_equal(read.terminations, one.terminations)
         np.testing.assert_array_equal(read.truncations, one.truncations)
         assert read.outcome == one.outcome
@@ -162,6 +166,18 @@ def test_data_sets_that_cannot_be_used_are_refused(tmp_path, episode, card, spac
         folder.mkdir()
     write_lerobot(old, card(laploop="0.0.1"), [episode(3)])
     with pytest.raises(DatasetError, match=r"made by laploop 0\.0\.1, this is"):
+        open_demonstrations(old)
+    for change, words in (
+        ({"layout": 7}, f"the card of {old} has the layout 7; allowed: 1; make the data set again"),
+        ({"keywords": 5}, f"the card of {old} is damaged: keywords is 5"),
+        ({"episodes": None}, "tells of none of the 1 episodes"),
+    ):
+        described = {**card().plain, "episodes": [episode(3).outcome], **change}
+        (old / "meta" / "laploop.json").write_text(json.dumps(described))
+        with pytest.raises(DatasetError, match=re.escape(words)):
+            open_demonstrations(old)
+    (old / "meta" / "info.json").write_text('{"codebase_version": "v2.1"}')
+    with pytest.raises(DatasetError, match=r"info\.json has the codebase_version 'v2\.1'; allowed: 'v3\.0'"):
         open_demonstrations(old)
     write_minari(unknown, card(task="rech"), spaces_of("state"), [episode(3)])
     with pytest.raises(UnknownNameError, match="did you mean 'reach'"):

@@ -6,6 +6,7 @@ import pytest
 from laploop.envs.recording.recorder import NullRecorder
 from laploop.envs.tasks.registry import TASKS
 from laploop.errors import DatasetError, InvalidValueError
+from laploop.studies.code_digest import code_digest
 from laploop.studies.demonstrations.card import Card
 from laploop.studies.demonstrations.config import CollectionConfig, Perturbation
 from laploop.studies.demonstrations.dataset import make_dataset
@@ -26,7 +27,7 @@ class InMemory:
             self.card = Card.of(config, "all", learner, Expert(learner).parameters)
         finally:
             env.close()
-        names = ("observations", "actions", "rewards", "terminations", "truncations", "outcome")
+        names = ("observations", "actions", "expert_actions", "rewards", "terminations", "truncations", "outcome")
         self.recorded = RecordedEpisode(**{**{name: getattr(demonstration, name) for name in names}, **changes})
 
     def episode(self, index):
@@ -127,7 +128,10 @@ def test_the_card_says_how_the_episodes_were_made(reach):
     assert card.expert["estimator"] == "OracleEstimator"
     assert card.expert["perturbation"]["pushes"] == 2
     assert card.instruction.startswith("Bring the tip of the instrument onto a point of the tissue")
+    assert card.code == code_digest("demonstrations")
     assert Card.read(card.plain, "here") == card
+    before = {name: value for name, value in card.plain.items() if name != "code"}
+    assert Card.read(before, "here") == replace(card, code="")
 
 
 @pytest.mark.slow

@@ -63,6 +63,21 @@ def test_an_episode_that_runs_out_of_time_is_no_success():
     assert score.error_mm == pytest.approx(0.5)
 
 
+def test_a_policy_that_remembers_is_told_of_each_episode():
+    class Impatient:
+        """Stands still at first, then hurries, until it is told of a new episode."""
+
+        def reset(self):
+            self.action = 0.0
+
+        def __call__(self, observation):
+            self.action += 1.0
+            return np.full(1, self.action - 1.0)
+
+    # 0, 1 and 2 mm add up to the 3 mm; one that went on from the episode before would be there in one step.
+    assert [score.steps for score in evaluate(Impatient(), Corridor(), 3)] == [3, 3, 3]
+
+
 def test_no_episodes_are_refused():
     with pytest.raises(InvalidValueError, match="1 or more"):
         evaluate(lambda observation: np.ones(1), Corridor(), 0)
