@@ -1,4 +1,4 @@
-"""`laploop export`: a depth network as an ONNX file, or the average of several weights files."""
+"""`laploop export`: a depth network as an ONNX file, the average of several weights files, or weights with a new confidence."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -21,8 +21,8 @@ class ExportArguments:
     """Write a depth network as ONNX, for runtimes other than torch.
 
     Writes `MODEL.onnx` (input `image`: 1 x 256 x 256 float32, grey values 0-255; outputs `depth_mm` and, where the network
-    knows them, `confidence` and `slip`) and `summary.json`. Needs `pip install 'laploop[onnx]'`. With `--average`, writes
-    `MODEL.safetensors` instead.
+    knows them, `confidence` and `slip`) and `summary.json`. Needs `pip install 'laploop[onnx]'`. With `--average` or
+    `--confidence`, writes `MODEL.safetensors` instead.
     """
 
     model: Annotated[str, tyro.conf.arg(metavar=_MODELS)] = "compact"
@@ -39,6 +39,8 @@ class ExportArguments:
     """Weights files, as of several epochs of one training, whose average is written as `MODEL.safetensors`."""
     shares: tuple[Annotated[float, Field(gt=0.0, le=1e6)], ...] = ()
     """Weight of each file in the average; equal by default."""
+    confidence: Path | None = None
+    """Data set to whose validation frames the confidence of compact or ssle-phase is fitted; the last step of a training."""
     out: OutputPath
 
     def __post_init__(self) -> None:
@@ -49,6 +51,8 @@ class ExportArguments:
             raise InvalidValueError("size", self.size, "none but with random_weights: trained weights have their size")
         if self.average and (self.random_weights or self.weights is not None):
             raise InvalidValueError("average", list(map(str, self.average)), "none together with weights or random_weights")
+        if self.confidence is not None and (self.random_weights or self.average):
+            raise InvalidValueError("confidence", str(self.confidence), "none together with average or random_weights")
         if self.shares and len(self.shares) != len(self.average):
             raise InvalidValueError("shares", self.shares, f"one for each of the {len(self.average)} files of average")
 
@@ -56,7 +60,7 @@ class ExportArguments:
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     chosen = parse(ExportArguments, arguments, "export")
-    write = _write_average if chosen.average else _write_onnx
+    write = _write_average if chosen.average else _write_onnx if chosen.confidence is None else _write_confidence
     with OutputFolder(chosen.out, "export") as folder:
         name, results = write(chosen, folder)
         results["bytes"] = (folder.path / name).stat().st_size
@@ -88,14 +92,31 @@ def _write_onnx(chosen: ExportArguments, folder: OutputFolder) -> tuple[str, dic
     return name, {"parameters": sum(one.numel() for one in module.parameters()), "outputs": list(module.outputs)}
 
 
-def _write_average(chosen: ExportArguments, folder: OutputFolder) -> tuple[str, dict[str, Any]]:
+def _write_confidence(chosen: ExportArguments, folder: OutputFolder) -> tuple[str, dict[str, Any]]:
+    from laploop.cli.console import progress_bar
+    from laploop.perception.data.datasets import open_dataset
+    from laploop.perception.training.confidence import refit_confidence
+
+    if chosen.confidence is None:
+        raise InvalidValueError("confidence", None, "a data set")
+    name = f"{chosen.model}.safetensors"
+    frames = len(open_dataset(chosen.confidence).indices("val"))
+    with folder.artefact(name) as path, progress_bar("frames", frames) as report:
+        found = refit_confidence(NETWORKS.get(chosen.model), chosen.weights, chosen.confidence, path, report)
+    return name, {"parameters": _parameters(folder.path / name), **found}
+
+
+def _parameters(path: Path) -> int:
     from safetensors import safe_open
 
+    with safe_open(path, framework="np") as file:
+        return sum(int(file.get_tensor(one).size) for one in file.keys())  # noqa: SIM118 - not a mapping
+
+
+def _write_average(chosen: ExportArguments, folder: OutputFolder) -> tuple[str, dict[str, Any]]:
     from laploop.perception.training.weight_average import average_weights
 
     name = f"{chosen.model}.safetensors"
     with folder.artefact(name) as path:
         average_weights(NETWORKS.get(chosen.model), chosen.average, path, shares=chosen.shares)
-    with safe_open(folder.path / name, framework="np") as file:
-        parameters = sum(file.get_tensor(one).size for one in file.keys())  # noqa: SIM118 - not a mapping
-    return name, {"parameters": parameters}
+    return name, {"parameters": _parameters(folder.path / name)}

@@ -64,13 +64,14 @@ class CompactUNet(DepthNetwork):
 class Triangulation(nn.Module):
     """Turns of phase to depth in millimetres, and the scale of their error to odds of being within 1 mm.
 
-    The odds fall with the scale; by how much is learned, so that they agree with what is seen.
+    The odds fall with the scale; by how much is learned, and fitted anew after a training (`training/confidence.py`), so that
+    they agree with what is seen.
     """
 
     def __init__(self) -> None:
         super().__init__()
         # A Laplace distribution of scale 0.8 mm has even odds, and at half of that 5 to 1.
-        self.odds = nn.Parameter(torch.tensor([0.3, 2.0]))
+        self.odds = nn.Parameter(torch.tensor([0.3, 2.0, 0.0]))
 
     def forward(self, reading: PhaseReading, turns_metre: Tensor) -> PhaseOutput:
         """Return the output for a reading.
@@ -86,5 +87,16 @@ class Triangulation(nn.Module):
             coarse_mm=1e3 * triangulate(reading.coarse_turns, turns_metre),
             log_scale=log_scale_mm,
             slip_logit=reading.slip_logit,
-            within_logit=self.odds[0] - self.odds[1] * log_scale_mm,
+            within_logit=within_logit(self.odds, log_scale_mm),
         )
+
+
+def within_logit(odds: Tensor, log_scale_mm: Tensor) -> Tensor:
+    """Return the logarithm of the odds of being within 1 mm: `o0 - o1 s + o2 s^2`, up to where that ceases to fall.
+
+    Args:
+        odds: (3,), the coefficients.
+        log_scale_mm: Any shape, natural logarithm of the scale in millimetres.
+    """
+    scale = torch.minimum(log_scale_mm, odds[1] / (2.0 * odds[2].clamp(min=1e-3)))
+    return odds[0] - odds[1] * scale + odds[2] * scale.square()
