@@ -94,15 +94,17 @@ def _write_onnx(chosen: ExportArguments, folder: OutputFolder) -> tuple[str, dic
 
 def _write_confidence(chosen: ExportArguments, folder: OutputFolder) -> tuple[str, dict[str, Any]]:
     from laploop.cli.console import progress_bar
+    from laploop.cli.dataset import dataset_path
     from laploop.perception.data.datasets import open_dataset
     from laploop.perception.training.confidence import refit_confidence
 
     if chosen.confidence is None:
         raise InvalidValueError("confidence", None, "a data set")
     name = f"{chosen.model}.safetensors"
-    frames = len(open_dataset(chosen.confidence).indices("val"))
+    dataset = dataset_path(chosen.confidence)
+    frames = len(open_dataset(dataset).indices("val"))
     with folder.artefact(name) as path, progress_bar("frames", frames) as report:
-        found = refit_confidence(NETWORKS.get(chosen.model), chosen.weights, chosen.confidence, path, report)
+        found = refit_confidence(NETWORKS.get(chosen.model), chosen.weights, dataset, path, report)
     return name, {"parameters": _parameters(folder.path / name), **found}
 
 

@@ -89,6 +89,7 @@ def taken_for_granted(tmp_path_factory):
         (folder / name).symlink_to(ROOT / name)
     small = ["--train-tissues", "1", "--val-tissues", "1", "--test-tissues", "1", "--frames-per-tissue", "2", "--workers", "1"]
     assert main(["synthesize", *small, "--out", str(runs / "frames")]) == 0
+    (runs / "worlds").symlink_to(runs / "frames")
     split = ["--tissues", "4", "--split-tissues", "2", "1", "1", "--workers", "1"]
     assert main(["collect", "--pairs", "4", *split, "--out", str(runs / "pairs")]) == 0
     for name in ("ssle", "ssle-phase"):

@@ -1,8 +1,12 @@
+import json
+
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file
 
 from laploop.assets.scope_optics import ScopeOptics
+from laploop.cli.main import main
 from laploop.errors import InvalidValueError
 from laploop.perception.data.datasets import open_dataset
 from laploop.perception.data.frame_store import FrameStore
@@ -18,7 +22,7 @@ START = torch.tensor([0.3, 2.0, 0.0])
 @pytest.fixture
 def small_dataset(tmp_path, rig, render):
     """Two frames of a rolling surface to validate on."""
-    path = tmp_path / "frames"
+    path = tmp_path / "worlds" / "frames.zarr"
     split, none = np.ones(2, np.uint8), np.zeros(2, bool)
     store = FrameStore.create(path, optics=ScopeOptics(), tissue_seed=np.arange(2), split=split, tool_in_view=none, config={})
     x = np.linspace(-1.0, 1.0, 256)
@@ -68,6 +72,21 @@ def test_the_family_that_is_right_least_often_weighs_most():
     ]
     assert beyond[0] < -0.1
     assert 0.0 < beyond[1] < -0.5 * beyond[0]
+
+
+def test_the_command_writes_the_same_weights(tmp_path, small_dataset, capsys):
+    refit_confidence(NETWORKS.get("compact"), None, small_dataset, tmp_path / "new.safetensors")
+    out = tmp_path / "fitted"
+    assert main(["export", "--model", "compact", "--confidence", str(small_dataset.parent), "--out", str(out)]) == 0
+    one, other = (load_file(path) for path in (tmp_path / "new.safetensors", out / "compact.safetensors"))
+    assert torch.equal(one[ODDS], other[ODDS])
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["odds"] == pytest.approx(one[ODDS].tolist())
+    assert summary["frames"] == 2
+    assert main(["export", "--confidence", str(small_dataset), "--random-weights", "--out", str(tmp_path / "no")]) == 2
+    assert "none together with average or random_weights" in capsys.readouterr().err
+    assert main(["export", "--model", "ssle", "--confidence", str(small_dataset), "--out", str(tmp_path / "no")]) == 2
+    assert "one with a confidence: compact or ssle-phase" in capsys.readouterr().err
 
 
 def test_weights_get_new_odds_and_keep_all_else(tmp_path, small_dataset):

@@ -1,3 +1,6 @@
+import json
+from pathlib import Path
+
 import pytest
 
 from laploop.studies.readme.anatomy_tables import anatomy_table, confidence_table
@@ -71,3 +74,22 @@ def test_confidence_of_a_file_without_families_and_intervals_is_shown_without_th
     table = confidence_table(summary_of(reliability=[reliability("compact")]), summary_of())
     assert len(lines_of(table, "compact")) == 1
     assert "intervals" not in table
+
+
+def committed_held_out():
+    return json.loads((Path(__file__).parents[3] / "docs" / "results" / "depth-held-out.json").read_text())
+
+
+@pytest.mark.parametrize("model", ["compact", "ssle-phase"])
+def test_confidence_is_right_within_five_points_on_held_out_families(model):
+    (row,) = (row for row in committed_held_out()["reliability"] if (row["model"], row["family"]) == (model, "all"))
+    assert all(abs(part["predicted"] - part["seen"]) < 0.05 for part in row["tenths"])
+
+
+@pytest.mark.parametrize("model", ["compact", "ssle-phase"])
+def test_no_network_is_worse_than_phase_where_that_is_valid(model):
+    rows = committed_held_out()["families"]
+    errors = {(row["model"], row["family"]): row["phase_valid_mae_mm"] for row in rows if row["against"] == "exact"}
+    families = {family for name, family in errors if name == "phase"}
+    assert len(families) == 5
+    assert all(errors[model, family] < errors["phase", family] for family in families)
