@@ -51,11 +51,15 @@ def test_random_steps_leave_neither_nan_nor_growing_memory(monkeypatch, held, le
     vector.reset(seed=0)
     warm = STEPS[observed] // (2 if varied else 4)
     wander(vector, warm, rng)
-    before = held()
-    wander(vector, STEPS[observed] - warm, rng)
-    after = held()
-    assert after.opened(before) == (0, 0)
-    assert after.grew(before) < 0.01
+    # Steeper tissue has a finer mesh: what theatres take goes up and down by a per cent, so that one look is not enough.
+    looks, parts = [held()], 7 if varied else 1
+    for _ in range(parts):
+        wander(vector, (STEPS[observed] - warm) // parts, rng)
+        looks.append(held())
+    assert looks[-1].opened(looks[0]) == (0, 0)
+    middle = len(looks) // 2
+    earlier, later = (np.median([one.memory_mb for one in part]) for part in (looks[:middle], looks[middle:]))
+    assert later / earlier - 1.0 < 0.01
 
 
 def test_episodes_end_and_begin_again_at_random(learner_vector):
