@@ -1,6 +1,7 @@
 """`laploop export`: a depth network as an ONNX file, the average of several weights files, or weights with a new confidence."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -60,7 +61,13 @@ class ExportArguments:
 def main(arguments: Sequence[str]) -> int:
     """Run the command."""
     chosen = parse(ExportArguments, arguments, "export")
-    write = _write_average if chosen.average else _write_onnx if chosen.confidence is None else _write_confidence
+    write: Callable[[ExportArguments, OutputFolder], tuple[str, dict[str, Any]]]
+    if chosen.average:
+        write = _write_average
+    elif chosen.confidence is not None:
+        write = partial(_write_confidence, chosen.confidence)
+    else:
+        write = _write_onnx
     with OutputFolder(chosen.out, "export") as folder:
         name, results = write(chosen, folder)
         results["bytes"] = (folder.path / name).stat().st_size
@@ -92,16 +99,14 @@ def _write_onnx(chosen: ExportArguments, folder: OutputFolder) -> tuple[str, dic
     return name, {"parameters": sum(one.numel() for one in module.parameters()), "outputs": list(module.outputs)}
 
 
-def _write_confidence(chosen: ExportArguments, folder: OutputFolder) -> tuple[str, dict[str, Any]]:
+def _write_confidence(given: Path, chosen: ExportArguments, folder: OutputFolder) -> tuple[str, dict[str, Any]]:
     from laploop.cli.console import progress_bar
     from laploop.cli.dataset import dataset_path
     from laploop.perception.data.datasets import open_dataset
     from laploop.perception.training.confidence import refit_confidence
 
-    if chosen.confidence is None:
-        raise InvalidValueError("confidence", None, "a data set")
     name = f"{chosen.model}.safetensors"
-    dataset = dataset_path(chosen.confidence)
+    dataset = dataset_path(given)
     frames = len(open_dataset(dataset).indices("val"))
     with folder.artefact(name) as path, progress_bar("frames", frames) as report:
         found = refit_confidence(NETWORKS.get(chosen.model), chosen.weights, dataset, path, report)

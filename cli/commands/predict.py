@@ -31,7 +31,7 @@ class PredictArguments:
     weights: Path | None = None
     """Replaces the shipped weights."""
     bits: Annotated[int, Field(ge=9, le=16)] | None = None
-    """Bits a pixel of the camera that wrote files of 16 bits; by default 16, unless all of them end below 4096."""
+    """Bits a pixel of the camera that wrote files of 16 bits; by default 16, to be given where all end below 4096."""
     out: OutputPath
 
 

@@ -18,7 +18,7 @@ ViewName = Literal["scope", "overview", "both"]
 
 ConfigT = TypeVar("ConfigT", bound=TaskConfig)
 
-SETS: dict[str, tuple[str, ...]] = {
+KEYWORD_PATHS: dict[str, tuple[str, ...]] = {
     "motion": ("loop.theatre.motion",),
     "latency_ms": ("loop.timing.service",),
     "fidelity": ("loop.physics_hz", "loop.theatre.tissue.contact_every"),
@@ -105,7 +105,7 @@ def check_not_drawn(options: LearnerOptions, randomisation: Randomisation) -> No
     Raises:
         InvalidValueError: If it draws the path of an option that was given; the message names both.
     """
-    for keyword, paths in SETS.items():
+    for keyword, paths in KEYWORD_PATHS.items():
         value = getattr(options, keyword)
         drawn = next((found for path in paths if (found := randomisation.drawn_at(path)) is not None), None)
         if value is not None and drawn is not None:

@@ -102,7 +102,8 @@ class ActionInterpreter:
         """Add residuals to what the controller commands; a tip that `yields` gives way to tissue that presses on it."""
         self._config = config
         self._loop = loop
-        self._controller = controller
+        # In the other modes nobody asks it.
+        self._controller = controller if config.action_mode == "residual" else None
         self._yields = yields
         self.fault: str | None = None
         """Why the last action was not followed: `action_not_finite`, `controller_not_finite`, or None."""
@@ -128,7 +129,7 @@ class ActionInterpreter:
         action = self._loop.injector.action(action, self._loop.now_ns)
         self.fault = None
         command = np.zeros(3)
-        if self._controller is not None and config.action_mode == "residual":
+        if self._controller is not None:
             with self._loop.timer.measure("control"):
                 command = checked_command(self._controller.command(known()))
             if not np.isfinite(command).all():
@@ -143,7 +144,7 @@ class ActionInterpreter:
             return self._loop.tip_velocity_of_joints(action)
         if config.action_mode == "tip-offset":
             return action / config.loop.control_s
-        return action + command if config.action_mode == "residual" else action
+        return action + command
 
     def _held(self, known: ControlInput) -> Array:
         """Return the velocity of a tip without a command: it stands still, but lets moving tissue push it out of its way."""

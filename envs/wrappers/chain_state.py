@@ -81,7 +81,7 @@ def set_state(env: gym.Env[Any, Any], state: ChainState) -> None:
     *links, base = _links(env)
     memories = _checked_memories(state, links, base)
     for link in links:
-        # What stands around a task without being a wrapper may have another one for each episode.
+        # An environment for learners holds a task of its own for each episode; wrappers only pass the method on.
         if not isinstance(link, gym.Wrapper) and hasattr(link, "resume_episode"):
             link.resume_episode(state.environment)
     *links, present = _links(env)

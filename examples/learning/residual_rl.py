@@ -31,6 +31,7 @@ options = parser.parse_args()
 
 ENVIRONMENT = "laploop/Track-v1"
 KEYWORDS = {"observation": "depth", "action": "residual", "perception": "oracle", "fidelity": "fast", "latency_ms": 0.0}
+CONDITIONS = {**KEYWORDS, "delay_ms": options.latency_ms}
 
 # The task's own controller would learn the rhythms of breathing and heartbeat; this one holds what it saw last.
 controller = make_controller("track", Rig.from_optics(ScopeOptics()), prediction="none")
@@ -58,13 +59,13 @@ if options.resume:
 
 callback = CurveCallback(options.out, network, resume=options.resume)
 model.learn(options.steps, callback=callback, log_interval=5)
-training = callback.training(method="residual ppo", environment=ENVIRONMENT, keywords=KEYWORDS, seed=options.seed)
+training = callback.training(method="residual ppo", environment=ENVIRONMENT, keywords=CONDITIONS, seed=options.seed)
 
 # Both on the same seeds, which training never used.
 scores = evaluate(lambda observation: model.predict(observation, deterministic=True)[0], env, options.episodes)
 print(verdict(write_result(options.out, training, scores)))
 alone = Training(
-    method="scripted, no prediction", environment=ENVIRONMENT, keywords=KEYWORDS, seed=0, steps=0, wall_s=0.0, cpu_s=0.0
+    method="scripted, no prediction", environment=ENVIRONMENT, keywords=CONDITIONS, seed=0, steps=0, wall_s=0.0, cpu_s=0.0
 )
 scores = evaluate(lambda _: np.zeros(3, np.float32), env, options.episodes)
 print(verdict(write_result(options.out / "base", alone, scores)))

@@ -31,7 +31,7 @@ network = {"net_arch": [64, 64]}
 model = SAC(
     "MlpPolicy",
     Monitor(env),
-    # It falls to nothing, so that the policy comes to rest: at a constant rate the last one is one of many that differ.
+    # It falls to nothing over the training.
     learning_rate=lambda left: 1e-3 * left,
     gamma=0.97,
     batch_size=128,

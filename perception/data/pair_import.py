@@ -45,7 +45,7 @@ class PairImport:
     unit: Unit
     """What the clouds' coordinates are in."""
     bits: Annotated[int, Field(ge=9, le=16)] | None = None
-    """Bits a pixel of the camera that wrote pictures of 16 bits; by default 16, unless all of them end below 4096."""
+    """Bits a pixel of the camera that wrote pictures of 16 bits; by default 16, to be given where all end below 4096."""
 
 
 class PairImporter:

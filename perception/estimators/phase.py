@@ -111,7 +111,7 @@ class PhaseEstimator:
         seen = self.demodulate(image)
         farthest_turns = self._carrier.turns_metre / (1e-3 * config.nearest_mm) - 1.0
         turns = farthest_turns + np.mod(seen.fraction - farthest_turns, 1.0)
-        # On a rig whose turn ends beyond infinity, what is never valid gets a number of the order of the others.
+        # Where the turn ends beyond infinity some phases have no depth: such pixels are put at twice the farthest.
         depth_mm = 1e3 * self._carrier.turns_metre / np.maximum(turns, 0.5e3 * self._carrier.turns_metre / config.farthest_mm)
         mm_per_turn = 1e-3 * depth_mm**2 / self._carrier.turns_metre
         valid = (

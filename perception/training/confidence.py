@@ -4,7 +4,7 @@ A network on anatomy that it has never seen is more often wrong than on what it 
 frames shall be believed too much: what is predicted beyond what is seen weighs tenfold.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ from torch import Tensor
 
 from laploop.errors import InvalidValueError
 from laploop.perception.data.datasets import DepthDataset, open_dataset
-from laploop.perception.geometry import Rig
 from laploop.perception.inference.models import load_network
 from laploop.perception.network_specs import NetworkSpec
 from laploop.perception.networks.compact_unet import within_logit
@@ -52,19 +51,12 @@ class Readings:
 
 
 def read_frames(
-    network: Any, data: DepthDataset, split: str = "val", progress: Callable[[int], None] = lambda _: None
+    network: Any, data: DepthDataset, indices: Sequence[int], progress: Callable[[int], None] = lambda _: None
 ) -> Readings:
-    """Run a network in single precision on the frames of a split; `progress` is called with the number of frames read.
-
-    Raises:
-        InvalidValueError: If the data set has no exact depth, or the split no frame.
-    """
-    indices = data.indices(split)
-    if not data.has_exact or not len(indices):
-        raise InvalidValueError(f"frames of the split {split}", len(indices), "one or more, with exact depth")
+    """Run a network in single precision on frames with exact depth; `progress` is called with the number of frames read."""
     rows: list[Tensor] = []
     families: list[NDArray[np.str_]] = []
-    for number, index in enumerate(indices.tolist(), start=1):
+    for number, index in enumerate(indices, start=1):
         with torch.inference_mode():
             image = torch.from_numpy(data.image(index).astype(np.float32))[None]
             output = network(image, RigBatch.from_rigs([data.rig(index)]))
@@ -124,15 +116,14 @@ def refit_confidence(
     """
     path = spec.weights if weights is None else weights
     data = open_dataset(dataset)
-    indices = data.indices("val")
-    if not len(indices):
-        raise InvalidValueError("validation frames", 0, "one or more")
-    rig: Rig = data.rig(int(indices[0]))
-    network = load_network(spec, rig, path).eval()
+    indices = data.indices("val").tolist()
+    if not data.has_exact or not indices:
+        raise InvalidValueError("validation frames", len(indices), "one or more, with exact depth")
+    network = load_network(spec, data.rig(indices[0]), path).eval()
     tensors, notes = load_weights(path, network.config.architecture)
     if ODDS not in tensors:
         raise InvalidValueError("network", spec.name, "one with a confidence: compact or ssle-phase")
-    readings = read_frames(network, data, progress=progress)
+    readings = read_frames(network, data, indices, progress)
     before = tensors[ODDS]
     after = fit_odds(readings, before)
     kept = {name: note for name, note in notes.items() if not name.startswith("architecture")}

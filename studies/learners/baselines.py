@@ -138,7 +138,8 @@ def thinned(folder: Path) -> dict[str, list[float | None]]:
 def baselines_table(runs: Mapping[str, Any]) -> str:
     """Return the runs as a Markdown table, a line for each task and method.
 
-    The interval of the success is Wilson's over all episodes, that of a mean the bootstrap's over trainings and episodes.
+    The interval of a mean is the bootstrap's over trainings and their episodes. That of the success is the wider of this one,
+    which is empty where all succeed, and of Wilson's over all episodes, which takes them for independent.
     """
     lines = [
         f"| {' | '.join(_HEADS)} |",
@@ -148,11 +149,11 @@ def baselines_table(runs: Mapping[str, Any]) -> str:
     for run in runs.values():
         # What does not learn is the same beside every training.
         groups.setdefault((run["environment"], run["method"]), {}).setdefault(run["seed"], run)
-    for (environment, method), by_seed in groups.items():
+    for (environment, method), by_seed in sorted(groups.items()):
         group = list(by_seed.values())
         each = [run["episodes"]["success"] for run in group]
         successes, trials = sum(map(sum, each)), sum(map(len, each))
-        low, high = wilson_interval(successes, trials)
+        low, high = _widest(wilson_interval(successes, trials), nested_estimate(each) if len(each) > 1 else None)
         cpu_s, wall_s = (float(np.mean([run[key] for run in group])) for key in ("cpu_s", "wall_s"))
         cells = [
             environment.rpartition("/")[2],
@@ -172,6 +173,10 @@ def baselines_table(runs: Mapping[str, Any]) -> str:
 
 def _time(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 60.0 else f"{seconds / 60.0:.0f} min"
+
+
+def _widest(wilson: tuple[float, float], found: Estimate | None) -> tuple[float, float]:
+    return wilson if found is None else (min(wilson[0], found.low), max(wilson[1], found.high))
 
 
 def _pooled(group: Sequence[Mapping[str, Any]], key: str) -> Estimate | None:

@@ -66,7 +66,7 @@ def evaluate(
     """Run a policy on the episodes of the seeds from `UNSEEN_SEED` on, one after another.
 
     Args:
-        policy: Asked once a step, and told of a new episode by its `reset`, if it has one.
+        policy: Asked once a step; its `reset()`, if it has one, is called before each episode.
         env: An environment of a task for learners, wrapped or not.
         episodes: How many.
         progress: Called with the number of episodes so far.
@@ -85,7 +85,7 @@ def evaluate(
 
 
 def score_episode(policy: Policy, env: gym.Env[Any, Any], seed: int) -> EpisodeScore:
-    """Run a policy on the episode of a seed; it is told of it by its `reset`, if it has one."""
+    """Run a policy on the episode of a seed, after its `reset()` if it has one."""
     if callable(reset := getattr(policy, "reset", None)):
         reset()
     observation, info = env.reset(seed=seed)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from laploop.configuration import to_plain
-from laploop.envs.learning.options import SETS, LearnerOptions, applied
+from laploop.envs.learning.options import KEYWORD_PATHS, LearnerOptions, applied
 from laploop.envs.learning.reach import ReachLearnerEnv
 from laploop.envs.randomisation.files import randomisation_of
 from laploop.envs.randomisation.randomisation import with_values
@@ -157,7 +157,7 @@ def test_keywords_that_nothing_is_drawn_over_hold_and_those_that_are_none_set_no
 def test_what_a_keyword_sets_is_known(keyword, value):
     config = replace(default_config("reach"), observation_mode="state")
     changed = applied(LearnerOptions(**{keyword: value}), config, strict=False)
-    values = {path: reduce(getitem, path.split("."), to_plain(changed)) for path in SETS[keyword]}
+    values = {path: reduce(getitem, path.split("."), to_plain(changed)) for path in KEYWORD_PATHS[keyword]}
     assert changed == with_values(config, values) != config
 
 

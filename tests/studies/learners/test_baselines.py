@@ -53,7 +53,7 @@ def test_every_method_has_its_script():
 def test_seeds_of_a_method_share_a_line(runs):
     lines = baselines_table(collected(runs)).splitlines()
     assert lines[2] == (
-        "| Reach-v1 | ppo | 40 000 | 2 x 10 | 90 % (70-97): 100, 80 | 2.50 (2.50 to 2.50) | 0.50 (0.50 to 0.50) mm | "
+        "| Reach-v1 | ppo | 40 000 | 2 x 10 | 90 % (70-100): 100, 80 | 2.50 (2.50 to 2.50) | 0.50 (0.50 to 0.50) mm | "
         "0.20 (0.20 to 0.20) N | 10 min / 12 min |"
     )
     assert lines[3].startswith("| Track-v1 | scripted |  | 1 x 1 | 100 % (21-100): 100 |")

@@ -63,9 +63,9 @@ def test_an_episode_that_runs_out_of_time_is_no_success():
     assert score.error_mm == pytest.approx(0.5)
 
 
-def test_a_policy_that_remembers_is_told_of_each_episode():
+def test_a_policy_with_memory_is_reset_before_each_episode():
     class Impatient:
-        """Stands still at first, then hurries, until it is told of a new episode."""
+        """Stands still at first and then speeds up, until `reset` is called."""
 
         def reset(self):
             self.action = 0.0
