@@ -82,6 +82,7 @@ ORGANS := bowel-loops lobes stomach
 results: $(DEV)
 	mkdir -p $(RESULTS)
 	$(BIN)/laploop tasks --seeds 30 --workers 2 --out runs/tasks && cp runs/tasks/summary.json $(RESULTS)/tasks.json
+	$(BIN)/laploop tasks --seeds 30 --workers 2 --fidelity fast --out runs/tasks-fast && cp runs/tasks-fast/summary.json $(RESULTS)/tasks-fast.json
 	for estimator in oracle $(MODELS); do for motion in still breathing; do \
 	  $(BIN)/laploop trials --perception $$estimator --motion $$motion --seeds 10 --workers 2 --out runs/trials-$$estimator-$$motion \
 	  && cp runs/trials-$$estimator-$$motion/summary.json $(RESULTS)/trials-$$estimator-$$motion.json || exit 1; done; done

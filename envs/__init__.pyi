@@ -49,6 +49,9 @@ from .sensors.optics.scope_ranges import ScopeRanges as ScopeRanges
 from .sensors.optics.stripe_optics import Material as Material
 from .sensors.optics.stripe_optics import StripeOptics as StripeOptics
 from .sensors.optics.subsurface import Subsurface as Subsurface
+from .sensors.optics.tissue_classes import TISSUE_CLASSES as TISSUE_CLASSES
+from .sensors.optics.tissue_classes import TissueClass as TissueClass
+from .sensors.optics.tissue_classes import tissue_material as tissue_material
 from .sensors.overview_camera import OverviewCamera as OverviewCamera
 from .sensors.reference.camera import ReferenceCamera as ReferenceCamera
 from .sensors.reference.optics import ReferenceOptics as ReferenceOptics
@@ -94,6 +97,7 @@ __all__ = [
     "PRIVILEGED",
     "TASKS",
     "TIMINGS",
+    "TISSUE_CLASSES",
     "ActionHistory",
     "ActuationConfig",
     "AgeAwareFrameStack",
@@ -164,6 +168,7 @@ __all__ = [
     "TheatreLayout",
     "TimingConfig",
     "TimingPreset",
+    "TissueClass",
     "TraceLatency",
     "TrackConfig",
     "TrackEnv",
@@ -180,6 +185,7 @@ __all__ = [
     "randomisation_of",
     "run_episode",
     "set_state",
+    "tissue_material",
     "with_fidelity",
     "with_values",
 ]

@@ -11,11 +11,13 @@ from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.tissue_config import TissueConfig, TissueShape
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
+from laploop.envs.sensors.optics.tissue_classes import TISSUE_CLASSES, tissue_material
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.perception.geometry import Rig
 from laploop.studies.depth.config import RobustnessConfig
 from laploop.studies.scenes.frame_conditions import CameraPose, FrameRanges, draw_camera, draw_optics
 from laploop.studies.scenes.training_scene import TrainingScene
+from laploop.studies.scenes.unshaded import unshaded_image
 
 Array = NDArray[np.float64]
 
@@ -28,12 +30,18 @@ CONDITIONS = {
     OTHER_TISSUE: "lobes of half, and of 1.7 times, the usual width and height, alternating",
     "tool in view": "the instrument close to the camera, covering about 30 % of the view",
     "saturated or dark": "40 % of the pixels saturated, or below 1 % of full scale, alternating",
+    "liver": "light spreads under the surface as in liver, a tenth of it comes back, and the LED makes up for that",
+    "fat": "the same for fat, of which six tenths come back, from as far as 10 mm aside",
+    "ambient light": "other lights as well, as strong as a third of the beam",
+    "no shading": "divided by what the same light gives without stripes: brightness tells nothing of distance and slope",
 }
 """The conditions by name, and what each changes; everything else is drawn as for `nominal`, whose frame comes first."""
 
 PHASE_SHIFT = 1.0 / 3.0
 TOOL_FRACTION = 0.30
 LOST_FRACTION = 0.40
+AMBIENT_FRACTION = 1.0 / 3.0
+"""Irradiance by other lights over the beam's on a facing surface at the working distance."""
 _DARK = 0.01
 """Fraction of full scale below which a pixel counts as dark: 2.5 of 255 grey values."""
 _STREAM = 173
@@ -96,10 +104,20 @@ def _render(
         camera.set_optics(optics)
         electrons = camera.capture(scene.data, pose.world_from_camera, None).electrons
         optics = _lose_pixels(optics, electrons, dark=bool(number % 2))
+    elif condition in TISSUE_CLASSES:
+        tissue_class = tissue_material(condition, surface=optics.tissue)
+        power = optics.led_power_w * optics.tissue.albedo / tissue_class.albedo
+        optics = replace(optics, led_power_w=power, tissue=tissue_class)
+    elif condition == "ambient light":
+        beam = optics.axial_intensity_w_sr(camera.rig.mask) / pose.working_distance_m**2
+        optics = replace(optics, ambient_w_m2=AMBIENT_FRACTION * beam)
     camera.set_optics(optics)
     capture = camera.capture(scene.data, pose.world_from_camera, _rng(config, 3, number))
+    image = capture.image
+    if condition == "no shading":
+        image = unshaded_image(camera, scene.data, pose.world_from_camera, _rng(config, 3, number))
     return RobustnessFrame(
-        condition=condition, tissue=tissue, rig=camera.rig, image=capture.image, depth_mm=capture.depth_mm, lit=capture.lit
+        condition=condition, tissue=tissue, rig=camera.rig, image=image, depth_mm=capture.depth_mm, lit=capture.lit
     )
 
 

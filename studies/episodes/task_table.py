@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 from laploop.configuration import Field, configuration
 from laploop.envs.episode_config import EpisodeConfig
+from laploop.envs.fidelity import FidelityName, with_fidelity
 from laploop.errors import OutputError, UnknownNameError
 from laploop.studies.csv_text import csv_text
 from laploop.studies.episodes.task_campaigns import CAMPAIGNS, Campaign, campaigns
@@ -30,6 +31,8 @@ class TaskTableConfig:
     """Processes that run episodes at the same time."""
     only: tuple[str, ...] = ()
     """Names of campaigns; all if none is given."""
+    fidelity: FidelityName = "full"
+    """What the simulation may cost, as for `laploop run`. The targets are meant for full."""
 
     def __post_init__(self) -> None:
         names = [campaign.name for campaign in campaigns()]
@@ -39,7 +42,14 @@ class TaskTableConfig:
 
     def campaigns(self) -> tuple[Campaign, ...]:
         """Return the chosen campaigns in the order of the table."""
-        return tuple(campaign for campaign in campaigns() if not self.only or campaign.name in self.only)
+        chosen = (campaign for campaign in campaigns() if not self.only or campaign.name in self.only)
+        if self.fidelity == "full":
+            return tuple(chosen)
+        return tuple(replace(one, episode=_with_fidelity(one.episode, self.fidelity)) for one in chosen)
+
+
+def _with_fidelity(episode: EpisodeConfig, fidelity: FidelityName) -> EpisodeConfig:
+    return replace(episode, task=with_fidelity(episode.task, fidelity))
 
 
 def run_task_table(

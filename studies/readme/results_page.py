@@ -15,7 +15,15 @@ from laploop.studies.fidelity.run import as_markdown
 from laploop.studies.readme.anatomy_tables import anatomy_table, confidence_table, light_table, organs_table
 from laploop.studies.readme.bench_tables import against_table, bench_rows_table
 from laploop.studies.readme.readme_tables import summary_markdown
-from laploop.studies.readme.results_tables import overall, residual_table, robustness_table, shown, speed_table, tasks_table
+from laploop.studies.readme.results_tables import (
+    fast_tasks_table,
+    overall,
+    residual_table,
+    robustness_table,
+    shown,
+    speed_table,
+    tasks_table,
+)
 from laploop.studies.readme.summaries import read_summary
 
 BEGIN = "<!-- results: begin -->"
@@ -44,10 +52,11 @@ def results_markdown(folder: Path) -> str:
     trials = [read_summary(path) for name in TRIALS if (path := folder / f"trials-{name}.json").is_file()]
     organs = [read_summary(path) for path in sorted(folder.glob("organs-*.json"))]
     speeds = [read_summary(path) for name in MODELS if (path := folder / f"speed-{name}.json").is_file()]
-    tasks, residual, robustness, fidelity, against, known, held_out, twin = (
+    tasks, fast, residual, robustness, fidelity, against, known, held_out, twin = (
         read_summary(path) if (path := folder / f"{name}.json").is_file() else None
         for name in (
             "tasks",
+            "tasks-fast",
             "depth-pairs-residual",
             "robustness",
             "fidelity",
@@ -61,6 +70,7 @@ def results_markdown(folder: Path) -> str:
     sections = {
         "Closed loop": _trials_table(trials),
         "Tasks": tasks_table(tasks) if tasks else None,
+        "Tasks in `fast`": fast_tasks_table(fast, tasks) if fast and tasks else None,
         "On organs": organs_table(organs) if organs else None,
         "Depth against exact truth": _depth_table(robustness or read_summary(DEPTH)),
         "Depth on anatomy": anatomy_table(known, held_out) if known and held_out else None,

@@ -46,6 +46,30 @@ def tasks_table(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def fast_tasks_table(fast: Mapping[str, Any], full: Mapping[str, Any]) -> str:
+    """Return what `fast` does to the campaigns of `laploop tasks`: success, own numbers, force, beside those in `full`."""
+    lines = [
+        "The same episodes with the fidelity `fast`, which is made for learning; the targets are those of `full`, whose",
+        "numbers are in brackets.",
+        "",
+        "| task | estimator, prediction | success | measured | force | meets its targets |",
+        "|---|---|---|---|---|---|",
+    ]
+    full_lines = {line["campaign"]: line for line in full["campaigns"]}
+    for line in fast["campaigns"]:
+        before = full_lines[line["campaign"]]
+        checks = {check["name"]: check for check in before["checks"]}
+        own = [check for check in line["checks"][: line["own_checks"]] if check["name"] != "success"]
+        force = next(check for check in line["checks"] if check["name"] == FORCE)
+        measured = "; ".join(f"{check['name']} {quantity(check)} ({quantity(checks[check['name']])})" for check in own)
+        how = f"`{line['perception']}`" + ("" if line["prediction"] is None else f", {line['prediction']}")
+        lines.append(
+            f"| {line['task']} | {how} | {100 * line['success_rate']:.0f} % ({100 * before['success_rate']:.0f}) | "
+            f"{measured} | {quantity(force)} ({quantity(checks[FORCE])}) | {MET[line['met']]} |"
+        )
+    return "\n".join(lines)
+
+
 def residual_table(summary: Mapping[str, Any], calibrated: Mapping[str, Any]) -> str:
     """Return what an error put into the calibration does to the errors against the reference camera.
 

@@ -11,6 +11,7 @@ from laploop.configuration import Field, configuration
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.optics.presets import Light, OpticsRanges, draw_light, randomised_surfaces
 from laploop.envs.sensors.optics.stripe_optics import Fraction, Material, Roughness, StripeOptics
+from laploop.envs.sensors.optics.tissue_classes import TISSUE_CLASSES, tissue_material
 from laploop.envs.sensors.stripe_capture import StripeCapture
 from laploop.errors import InvalidValueError
 from laploop.studies.scenes.light_variety import draw_response, draw_subsurface
@@ -40,6 +41,9 @@ class AnatomyRanges(OpticsRanges):
     """Bounds on what wet and bare surfaces give."""
     cavity_fraction: Span[Fraction] = (0.02, 0.40)
     """Irradiance by light that went astray in the cavity, relative to the exitance."""
+    tissue_class_fraction: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
+    """Fraction of the scenes whose tissue is one of `TISSUE_CLASSES`, so that its spread of light and its albedo belong
+    together; in the others both are drawn for themselves."""
     working_distance_m: Span[Distance] = (0.060, 0.140)
     """From the camera to the point of the organ that it looks at."""
     usual_distance_m: Span[Distance] = (0.070, 0.110)
@@ -87,6 +91,10 @@ def draw_materials(ranges: AnatomyRanges, rng: np.random.Generator) -> AnatomyMa
         roughness=float(np.clip(roughness, *ranges.tissue_roughness)),
         subsurface=draw_subsurface(ranges.subsurface_fwhm_m, rng),
     )
+    # An option that is off draws no numbers, so that the scenes of a seed do not depend on it.
+    if ranges.tissue_class_fraction > 0.0 and rng.random() < ranges.tissue_class_fraction:
+        name = sorted(TISSUE_CLASSES)[rng.integers(len(TISSUE_CLASSES))]
+        tissue = tissue_material(name, albedo=rng.uniform(*TISSUE_CLASSES[name].albedo), surface=tissue)
     film = replace(tissue, reflectance=rng.uniform(*_WET_REFLECTANCE), roughness=rng.uniform(*_FILM_ROUGHNESS))
     return AnatomyMaterials(tissue=tissue, film=film)
 

@@ -62,6 +62,9 @@ class TrainingFramesConfig:
     instrument in five is close to the lens."""
     ill_exposed_share: Fraction = 0.0
     """Fraction of the frames in which a tenth to half of the pixels are saturated, or dark."""
+    unshaded_share: Fraction = 0.0
+    """Fraction of the frames whose shading is divided out, so that a network cannot take depth from brightness. The shipped
+    networks learned without such frames."""
     varied_light: Fraction = 0.0
     """Fraction of the frames of tissues whose spread of light and camera response are drawn as those of anatomy are."""
     worlds: Fraction = 0.0

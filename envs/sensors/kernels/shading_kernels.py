@@ -38,6 +38,8 @@ class Projection:
     """Of the mask's table, and where it begins."""
     cavity: float
     """Irradiance of the cavity over the mean exitance."""
+    ambient: float
+    """Irradiance by other lights, W/m²."""
 
 
 @wp.struct
@@ -267,11 +269,11 @@ def sum_exitance(
 
 @wp.kernel
 def fill_cavity(projections: wp.array(dtype=Projection), sums: wp.array(dtype=wp.vec2), ambient: wp.array(dtype=wp.float32)):
-    """Compute the cavity's irradiance from the rows' sums, in their order: it does not depend on the number of threads."""
+    """Add the cavity's irradiance to that of other lights, from the rows' sums, in their order: threads do not matter."""
     total = wp.vec2(0.0, 0.0)
     for row in range(sums.shape[0]):
         total += sums[row]
-    ambient[0] = projections[0].cavity * total[0] / wp.max(total[1], 1.0)
+    ambient[0] = projections[0].ambient + projections[0].cavity * total[0] / wp.max(total[1], 1.0)
 
 
 @wp.kernel

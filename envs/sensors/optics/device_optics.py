@@ -87,6 +87,7 @@ class DeviceOptics:
         packed.columns_per_tan = 1.0 / table.step
         packed.levels_per_tan = (len(self._transmission) - 1) / max(blur.largest_radius_tan, _NARROWEST_DISK_TAN)
         packed.cavity = optics.cavity_fraction
+        packed.ambient = optics.ambient_w_m2
         return packed
 
 

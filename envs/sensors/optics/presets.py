@@ -12,6 +12,7 @@ from laploop.envs.sensors.optics.stripe_optics import (
     STAGE,
     TISSUE,
     TOOL,
+    Ambient,
     Fraction,
     FullWell,
     LensBlur,
@@ -63,6 +64,8 @@ class OpticsRanges:
     """Charge at which a pixel is full."""
     cavity_fraction: Span[Fraction] = (0.03, 0.20)
     """Irradiance by light that went astray in the cavity, relative to the exitance."""
+    ambient_w_m2: Span[Ambient] = (0.0, 0.0)
+    """Irradiance by other lights, W/m²; drawn only where the upper end is not 0, which leaves all other draws as they are."""
 
     def __post_init__(self) -> None:
         check_ordered(self)
@@ -167,4 +170,5 @@ def randomised_surfaces(optics: StripeOptics, rng: np.random.Generator, ranges: 
         tool=replace(optics.tool, albedo=rng.uniform(*ranges.tool_albedo), roughness=rng.uniform(*ranges.tool_roughness)),
         stage=replace(optics.stage, albedo=rng.uniform(*ranges.stage_albedo)),
         cavity_fraction=rng.uniform(*ranges.cavity_fraction),
+        ambient_w_m2=rng.uniform(*ranges.ambient_w_m2) if ranges.ambient_w_m2[1] > 0.0 else optics.ambient_w_m2,
     )

@@ -28,6 +28,7 @@ LensBlur = Annotated[float, Field(ge=0.0, le=10.0)]
 FullWell = Annotated[float, Field(ge=100.0, le=1e6)]
 ReadNoise = Annotated[float, Field(ge=0.0, le=1000.0)]
 Exponent = Annotated[float, Field(ge=0.0, le=8.0)]
+Ambient = Annotated[float, Field(ge=0.0, le=1000.0)]
 
 
 @configuration
@@ -63,8 +64,8 @@ class StripeOptics:
     efficiency. The defaults put the bright stripes on a facing tissue plane at 85 mm at about 0.45 of full scale.
 
     The irradiance of a surface is that of the mask blurred by source and defocus (`ProjectionBlur`), with the shadows that the
-    aperture's disk casts, plus two kinds of stray light. Scattering under the surface spreads it, the albedo turns it into
-    radiance, and the lens's point spread blurs the whole image.
+    aperture's disk casts, plus two kinds of stray light and that of other lights. Scattering under the surface spreads it, the
+    albedo turns it into radiance, and the lens's point spread blurs the whole image.
 
     Source blur, aperture, focus and glare are not on any data sheet: they are fitted, so that the Michelson contrast of a matte
     facing plane is 0.58 at 70 mm and 0.44 at 100 mm, as measured on the laparoscope that the simulator follows.
@@ -86,6 +87,9 @@ class StripeOptics:
     cavity_fraction: Fraction = 0.10
     """Irradiance of everything by light that went astray between tissue and cavity, relative to the mean radiant exitance of
     what the beam lights and the camera sees."""
+    ambient_w_m2: Ambient = 0.0
+    """Irradiance of everything by other lights, evenly from all sides, as far as the camera's filter lets it through: a lamp in
+    the room, another scope's light. The beam's brightest irradiance at 85 mm is 4.6 W/m²."""
     f_number: Annotated[float, Field(ge=0.7, le=64.0)] = 4.0
     """The lens's focal length over its aperture."""
     lens_transmission: Annotated[float, Field(ge=0.01, le=1.0)] = 0.7

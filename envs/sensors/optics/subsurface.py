@@ -5,13 +5,15 @@ import math
 from typing import Annotated, Literal
 
 import numpy as np
-from scipy.optimize import least_squares, nnls
+from scipy.optimize import brentq, least_squares, nnls
 
 from laploop.arrays import Array
 from laploop.configuration import Field, configuration
+from laploop.errors import InvalidValueError
 
 _FWHM_PER_SIGMA = math.sqrt(8.0 * math.log(2.0))
 _DIPOLE_GAUSSIANS = 3
+_ABSORPTIONS_PER_M = (1.0, 1e4)
 
 SpotWidth = Annotated[float, Field(ge=0.0, le=0.02)]
 
@@ -31,7 +33,7 @@ class Subsurface:
     """Full width at half maximum of `gaussian`."""
     reduced_scattering_per_m: Annotated[float, Field(ge=50.0, le=1e5)] = 1000.0
     """mu_s' of `dipole`: about 1 per millimetre in soft tissue in the visible."""
-    absorption_per_m: Annotated[float, Field(ge=1.0, le=1e4)] = 150.0
+    absorption_per_m: Annotated[float, Field(ge=_ABSORPTIONS_PER_M[0], le=_ABSORPTIONS_PER_M[1])] = 150.0
     """mu_a of `dipole`: 0.05 to 0.5 per millimetre in soft tissue in the visible, most where there is most blood."""
     refractive_index: Annotated[float, Field(ge=1.0, le=2.0)] = 1.37
     """Of the medium of `dipole`, against air; 1.37 is that of tissue with 70 to 85 % water."""
@@ -52,6 +54,31 @@ def dipole_transfer(frequency: Array, scattering: float, absorption: float, inde
     A source at the depth z gives the reflectance z (1 + k d) exp(-k d) / (4 pi d^3) at the distance d from it, k^2 being
     3 mu_a mu_t'. Its Hankel transform is exp(-z sqrt(q^2 + k^2)) / 2 at the frequency q.
     """
+    sources = _sources(frequency, scattering, absorption, index)
+    return sources / _sources(0.0, scattering, absorption, index)
+
+
+def diffuse_reflectance(scattering: float, absorption: float, index: float) -> float:
+    """Return how much of the light that enters a medium leaves it again, by the dipole of Jensen et al. (2001)."""
+    reduced_albedo = scattering / (scattering + absorption)
+    return 0.5 * reduced_albedo * float(_sources(0.0, scattering, absorption, index))
+
+
+def absorption_of(albedo: float, scattering: float, index: float) -> float:
+    """Return the absorption per metre with which a medium of that reduced scattering has that diffuse reflectance.
+
+    Raises:
+        InvalidValueError: If the albedo is outside of what the dipole gives for absorptions of 1 to 1e4 per metre.
+    """
+    low, high = _ABSORPTIONS_PER_M
+    brightest, darkest = (diffuse_reflectance(scattering, absorption, index) for absorption in (low, high))
+    if not darkest <= albedo <= brightest:
+        raise InvalidValueError("albedo", albedo, f"{darkest:.3g} to {brightest:.3g} with that scattering")
+    return float(brentq(lambda absorption: diffuse_reflectance(scattering, absorption, index) - albedo, low, high))
+
+
+def _sources(frequency: Array | float, scattering: float, absorption: float, index: float) -> Array:
+    """Return the sum of both sources' transforms, each 1 at their own depth of zero."""
     transport = scattering + absorption
     # Diffuse Fresnel reflectance inside the surface, by the rational fit that Jensen et al. give.
     inner = -1.440 / index**2 + 0.710 / index + 0.668 + 0.0636 * index
@@ -59,12 +86,8 @@ def dipole_transfer(frequency: Array, scattering: float, absorption: float, inde
     depth = 1.0 / transport
     mirrored = depth * (1.0 + 4.0 / 3.0 * boundary)
     decay = math.sqrt(3.0 * absorption * transport)
-
-    def reflectance(q: Array | float) -> Array:
-        rate = np.sqrt(np.square(q) + decay**2)
-        return np.asarray(np.exp(-depth * rate) + np.exp(-mirrored * rate))
-
-    return reflectance(frequency) / reflectance(0.0)
+    rate = np.sqrt(np.square(frequency) + decay**2)
+    return np.asarray(np.exp(-depth * rate) + np.exp(-mirrored * rate))
 
 
 @functools.lru_cache(maxsize=64)

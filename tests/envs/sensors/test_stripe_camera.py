@@ -213,6 +213,21 @@ def test_shadow_gets_only_what_the_cavity_reflects(camera, rig, make_plane):
     assert (camera.capture(None, AT_ORIGIN, None).electrons[umbra] == 0.0).all()
 
 
+def test_other_lights_add_the_same_irradiance_everywhere(camera, rig, make_plane):
+    camera.attach_geometry(plate_before_wall(make_plane))
+    dark = StripeOptics(lens_blur_px=0.0, vignetting_exponent=0.0)
+    without, with_lamp = (_expected(camera, replace(dark, ambient_w_m2=irradiance)) for irradiance in (0.0, 2.0))
+    seen = np.isfinite(camera.capture(None, AT_ORIGIN, None).depth_mm)
+    expected = dark.electrons_per_radiance * dark.other.albedo * 2.0 / np.pi
+    # Shadows and slopes are lit as everything else is.
+    np.testing.assert_allclose((with_lamp - without)[seen], expected, rtol=1e-3)
+
+
+def _expected(camera, optics):
+    camera.set_optics(optics)
+    return camera.capture(None, AT_ORIGIN, None).electrons.astype(float)
+
+
 def test_noise_follows_the_photon_transfer_curve(flat_camera, make_plane):
     optics = replace(WITHOUT_STRAY_LIGHT, read_noise_electrons=20.0, led_power_w=0.02)
     flat_camera.set_optics(optics)

@@ -3,6 +3,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.ndimage import minimum_filter, uniform_filter, uniform_filter1d
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.errors import InvalidValueError, UnknownNameError
@@ -55,6 +56,37 @@ def test_four_pixels_in_ten_are_lost_by_turns_to_too_much_and_too_little_light(f
         lost = frame.image <= 2 if number % 2 else frame.image >= 254
         # Grey values are whole and noisy: those next to the threshold fall to either side of it.
         assert 0.33 < lost[hit].mean() < 0.47
+
+
+def test_tissues_and_other_lights_change_the_contrast_alone(frames):
+    def contrast(frame):
+        lit = frame.lit & (frame.depth_mm < 110.0)
+        return _swing(frame.image)[lit].mean() / frame.image[lit].mean()
+
+    for number, nominal in enumerate(frames["nominal"]):
+        liver, fat, lamp = (frames[name][number] for name in ("liver", "fat", "ambient light"))
+        for frame in (liver, fat, lamp):
+            np.testing.assert_array_equal(frame.depth_mm, nominal.depth_mm)
+        assert fat.image[nominal.lit].mean() == pytest.approx(nominal.image[nominal.lit].mean(), rel=0.1)
+        assert contrast(fat) < 0.9 * contrast(nominal)
+        assert contrast(lamp) < 0.95 * contrast(nominal)
+        assert lamp.image.astype(int).sum() > nominal.image.astype(int).sum()
+
+
+def test_no_brightness_is_left_without_shading(frames):
+    for nominal, bare in zip(frames["nominal"], frames["no shading"], strict=True):
+        # Averaged over more than a period, what is left of the stripes is the same everywhere.
+        seen = minimum_filter(bare.lit, 31)
+        usual, flat = (uniform_filter(frame.image.astype(float), 27)[seen] for frame in (nominal, bare))
+        assert np.std(flat) / np.mean(flat) < 0.25 * np.std(usual) / np.mean(usual)
+        assert _swing(bare.image)[seen].mean() > 0.2 * np.mean(flat)
+
+
+def _swing(image):
+    """Standard deviation along the rows over about a period, by pixel."""
+    grey = image.astype(float)
+    mean = uniform_filter1d(grey, 13)
+    return np.sqrt(np.maximum(uniform_filter1d(grey**2, 13) - mean**2, 0.0))
 
 
 def test_frames_are_the_same_each_time_and_others_with_another_seed(frames):

@@ -1,11 +1,13 @@
 import json
 import math
+from dataclasses import replace
 
 import pytest
 
 from laploop.cli.commands import tasks as command
 from laploop.cli.main import main
 from laploop.envs.episode import EpisodeConfig
+from laploop.envs.fidelity import with_fidelity
 from laploop.errors import InvalidValueError, UnknownNameError
 from laploop.studies.episodes.task_campaigns import CAMPAIGNS, Campaign, Check, column_value
 from laploop.studies.episodes.task_table import TaskTableConfig, run_task_table, summarise_tasks, table_csv, table_markdown
@@ -164,6 +166,14 @@ def test_campaigns_are_chosen_by_name_and_wrong_ones_are_refused():
         TaskTableConfig(only=("dance",))
     with pytest.raises(InvalidValueError, match="seeds is 0"):
         TaskTableConfig(seeds=0)
+
+
+def test_fidelity_changes_the_physics_of_every_campaign_and_nothing_else():
+    full, fast = (TaskTableConfig(fidelity=name).campaigns() for name in ("full", "fast"))
+    assert full == CAMPAIGNS
+    for one, other in zip(full, fast, strict=True):
+        assert other == replace(one, episode=replace(one.episode, task=with_fidelity(one.episode.task, "fast")))
+        assert other != one
 
 
 def test_a_real_campaign_goes_on_where_it_was(tmp_path):

@@ -17,7 +17,7 @@ from laploop.studies.readme.results_page import (
     results_markdown,
     with_results,
 )
-from laploop.studies.readme.results_tables import residual_table, robustness_table, speed_table, tasks_table
+from laploop.studies.readme.results_tables import fast_tasks_table, residual_table, robustness_table, speed_table, tasks_table
 
 ROOT = Path(__file__).parents[3]
 
@@ -123,6 +123,16 @@ def tasks_summary():
         },
     }
     return summarise_tasks({"reach-still": [row, row]})
+
+
+def test_fast_tasks_show_both_fidelities():
+    full = tasks_summary()
+    fast = json.loads(json.dumps(full))
+    (line,) = fast["campaigns"]
+    line["success_rate"] = 0.5
+    line["checks"][1]["value"] = 0.456
+    (row,) = (row for row in fast_tasks_table(fast, full).splitlines() if row.startswith("| reach"))
+    assert row == "| reach | `compact` | 50 % (100) | final error 0.456 mm (0.123 mm) | 0.2 N (0.2 N) | yes |"
 
 
 def test_tasks_show_what_was_measured_and_asked():

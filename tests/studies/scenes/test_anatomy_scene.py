@@ -10,6 +10,7 @@ from laploop.assets.stripe_mask import StripeMask
 from laploop.envs.sensors.object_id import ObjectId
 from laploop.envs.sensors.optics.camera_response import CameraResponse
 from laploop.envs.sensors.optics.stripe_optics import StripeOptics
+from laploop.envs.sensors.optics.subsurface import diffuse_reflectance
 from laploop.envs.sensors.stripe_camera import StripeCamera
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Rig
@@ -95,6 +96,18 @@ def test_albedos_span_liver_to_fat():
     albedos = [draw_materials(RANGES, np.random.default_rng(seed)).tissue.albedo for seed in range(200)]
     assert min(albedos) < 0.08
     assert max(albedos) > 0.65
+
+
+def test_tissue_classes_tie_the_spread_of_light_to_the_albedo():
+    ranges = replace(RANGES, tissue_class_fraction=1.0)
+    for seed in range(20):
+        tissue, usual = (draw_materials(each, np.random.default_rng(seed)).tissue for each in (ranges, RANGES))
+        spread = tissue.subsurface
+        assert spread.profile == "dipole"
+        numbers = (spread.reduced_scattering_per_m, spread.absorption_per_m, spread.refractive_index)
+        assert diffuse_reflectance(*numbers) == pytest.approx(tissue.albedo)
+        # What a class does not decide is drawn as without.
+        assert (tissue.reflectance, tissue.roughness) == (usual.reflectance, usual.roughness)
 
 
 def test_automatic_exposure_meets_its_level(camera, scene):

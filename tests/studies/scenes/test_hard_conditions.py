@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import minimum_filter, uniform_filter
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
@@ -40,6 +41,16 @@ def test_tenth_to_half_of_the_pixels_are_saturated_or_dark_in_turn(tmp_path):
         image = store.image(index)
         useless = (image >= 253).mean() if index % 2 == 0 else (image <= 8).mean()
         assert 0.07 < useless < 0.60  # noise and rounding move some pixels across the threshold
+
+
+def test_data_set_may_hold_frames_without_shading(tmp_path):
+    usual, bare = (_render(tmp_path / name, tool_share=0.0, unshaded_share=float(name)) for name in ("0", "1"))
+    for index in range(len(bare)):
+        np.testing.assert_array_equal(bare.depth_mm(index), usual.depth_mm(index))
+        seen = minimum_filter(bare.lit(index), 15)
+        # Averaged over four periods, what is left of the stripes is all but even.
+        usual_mean, bare_mean = (uniform_filter(store.image(index).astype(float), 13)[seen] for store in (usual, bare))
+        assert np.std(bare_mean) / np.mean(bare_mean) < 0.4 * np.std(usual_mean) / np.mean(usual_mean)
 
 
 def test_exposure_puts_the_wanted_share_beyond_the_threshold():
@@ -85,7 +96,9 @@ def test_frames_of_drawn_scopes_obey_their_own_rig(tmp_path):
         assert np.abs(mask_x).max() > 0.8 * rig.mask.half_width_tan
 
 
-@pytest.mark.parametrize("name", ["randomised_scopes", "randomised_appearances", "large_tool_share", "ill_exposed_share"])
+@pytest.mark.parametrize(
+    "name", ["randomised_scopes", "randomised_appearances", "large_tool_share", "ill_exposed_share", "unshaded_share"]
+)
 def test_share_beyond_one_is_refused(name):
     with pytest.raises(InvalidValueError, match=name):
         replace(TINY, **{name: 1.5})

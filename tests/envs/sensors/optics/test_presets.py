@@ -85,6 +85,15 @@ def test_optics_without_a_range_keep_their_values():
     assert (drawn.exposure_s, drawn.f_number, drawn.other, drawn.bits) == (0.004, 5.6, optics.other, 8)
 
 
+def test_other_lights_are_drawn_only_where_a_range_is_given():
+    optics = optics_preset("paper")
+    without = randomised_surfaces(optics, np.random.default_rng(0), OpticsRanges())
+    drawn = randomised_surfaces(optics, np.random.default_rng(0), OpticsRanges(ambient_w_m2=(0.5, 2.0)))
+    assert without.ambient_w_m2 == 0.0
+    assert 0.5 <= drawn.ambient_w_m2 <= 2.0
+    assert replace(drawn, ambient_w_m2=0.0) == without
+
+
 def test_training_frames_draw_what_the_shipped_weights_saw():
     optics = draw_optics(FrameRanges(), 0.09, np.random.default_rng(0))
     # The first draws of the data sets from which the shipped weights were trained.

@@ -3,8 +3,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import j0
 
-from laploop.envs.sensors.optics.subsurface import Subsurface, dipole_transfer
-from laploop.errors import LaploopError
+from laploop.envs.sensors.optics.subsurface import Subsurface, absorption_of, diffuse_reflectance, dipole_transfer
+from laploop.errors import InvalidValueError, LaploopError
 
 
 def test_nothing_spreads_by_default_and_a_gaussian_has_its_width():
@@ -47,3 +47,26 @@ def test_what_no_tissue_has_is_refused_by_name():
     for field, value in (("profile", "lambert"), ("fwhm_m", -0.001), ("absorption_per_m", 0.0), ("refractive_index", 0.5)):
         with pytest.raises(LaploopError, match=field):
             Subsurface(**{field: value})
+
+
+@pytest.mark.parametrize(("scattering", "absorption"), [(1000.0, 50.0), (870.0, 600.0), (1800.0, 5.0)])
+def test_diffuse_reflectance_is_the_sum_over_the_whole_spot(scattering, absorption):
+    index = 1.37
+    transport, decay = scattering + absorption, np.sqrt(3.0 * absorption * (scattering + absorption))
+    inner = -1.440 / index**2 + 0.710 / index + 0.668 + 0.0636 * index
+    depths = 1.0 / transport, (1.0 + 4.0 / 3.0 * (1.0 + inner) / (1.0 - inner)) / transport
+
+    def spot(radius):
+        lengths = [np.hypot(radius, depth) for depth in depths]
+        parts = sum(z * (1.0 + decay * d) * np.exp(-decay * d) / d**3 for z, d in zip(depths, lengths, strict=True))
+        return scattering / transport * parts / (4.0 * np.pi)
+
+    whole = quad(lambda r: 2.0 * np.pi * r * spot(r), 0.0, 0.3, limit=2000, points=[1e-3, 1e-2])[0]
+    found = diffuse_reflectance(scattering, absorption, index)
+    assert found == pytest.approx(whole, rel=2e-3)
+    assert absorption_of(found, scattering, index) == pytest.approx(absorption, rel=1e-6)
+
+
+def test_an_albedo_that_no_absorption_gives_is_refused():
+    with pytest.raises(InvalidValueError, match="albedo"):
+        absorption_of(0.99, 1000.0, 1.37)
