@@ -23,12 +23,15 @@ ResultT = TypeVar("ResultT")
 class BackgroundWorker:
     """A thread for one stage of the loop; the stage's wall time goes to the timer."""
 
-    def __init__(self, stage: str, timer: StageTimer) -> None:
+    def __init__(self, stage: str, timer: StageTimer, *, after: "BackgroundWorker | None" = None) -> None:
+        """Begin nothing yet; the first job comes after what `after`, an abandoned worker, is still at."""
         self._stage = stage
         self.timer = timer
         self.abandoned = False
         self._begun: Future[Any] | None
+        self._before: BackgroundWorker | None
         self._start_executor()
+        self._before = after
 
     def later(self, work: Callable[[], ResultT], *, after: "Pending[Any] | None" = None) -> "Pending[ResultT]":
         """Return the result of `work`, which is begun when it is asked for, or earlier by `Pending.begin`.
@@ -52,13 +55,14 @@ class BackgroundWorker:
 
     def settle(self) -> None:
         """Wait for all that has been begun."""
+        self._end_before()
         if self._begun is not None:
             # One thread, so that the newest job is the last.
             wait([self._begun])
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what copies and pickles: a copy has a thread of its own, from its first job on."""
-        return {name: value for name, value in vars(self).items() if name not in {"_executor", "_begun"}}
+        return {name: value for name, value in vars(self).items() if name not in {"_executor", "_begun", "_before"}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
@@ -75,12 +79,20 @@ class BackgroundWorker:
         """Finish the job that is under way, forget those that are not, and end the thread."""
         self.abandon()
         self._executor.shutdown(wait=True)
+        self._end_before()
+
+    def _end_before(self) -> None:
+        # Two threads may come here at once.
+        if (before := self._before) is not None:
+            before.close()
+            self._before = None
 
     def _start_executor(self) -> None:
         self._executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=self._stage, initializer=_leave_a_core)
-        self._begun = None
+        self._begun = self._before = None
 
     def _timed(self, work: Callable[[], ResultT], after: "Pending[Any] | None") -> ResultT:
+        self._end_before()
         if after is not None:
             after.result()
         if self.abandoned:

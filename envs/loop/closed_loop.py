@@ -97,14 +97,15 @@ class ClosedLoop(SavableLoop):
         Raises:
             SimulationError: If no depth frame arrives.
         """
-        for worker in (self._server, self._renderer):
-            if worker is not None:
-                # It may finish what it is at while the theatre is built.
-                worker.abandon()
+        # They may finish what they are at while the theatre is built, and the estimator even later.
+        estimating = None if self._server is None else self._server.abandon()
+        if self._renderer is not None:
+            self._renderer.abandon()
         noise_rng, service_rng, corruption_rng, texture_rng, tool_rng, scope_rng, timing_rng = rng.spawn(7)
         self.timer = StageTimer()
         self.theatre = self.observed.build(theatre_seed)
-        self._end_episode()
+        if self._renderer is not None:
+            self._renderer.close()
         errors = self.config.kinematic_errors
         exact = errors == KinematicErrors()
         self.tool = MiscalibratedTool(self.theatre, None if exact else errors.draw(tool_rng))
@@ -118,7 +119,9 @@ class ClosedLoop(SavableLoop):
         samples = TimingSamples.draw(self.timing, service_rng, timing_rng)
         log = self.timing_log = TimingLog()
         self._transfer = FrameTransfer(self.timing, samples, log)
-        self._server = PerceptionServer(self.estimator, self.timing, samples, log, self.timer, ahead=self._depth_ahead)
+        self._server = PerceptionServer(
+            self.estimator, self.timing, samples, log, self.timer, ahead=self._depth_ahead, after=estimating
+        )
         self._commands = CommandPath(samples, self.config, log)
         self._proprioception = Proprioception(self.tool, self.config.proprioception, self.config)
         self._proprioception.reset(np.random.RandomState(corruption_rng.integers(2**32)))

@@ -125,13 +125,14 @@ class PerceptionServer:
         timer: StageTimer,
         *,
         ahead: bool = True,
+        after: BackgroundWorker | None = None,
     ) -> None:
-        """Serve the frames of one episode with the estimator."""
+        """Serve the frames of one episode with the estimator, which `after`, of an abandoned server, may still be using."""
         self._estimator = estimator
         self._config = config
         self._samples = samples
         self._log = log
-        self._thread = BackgroundWorker("perception", timer)
+        self._thread = BackgroundWorker("perception", timer, after=after)
         self._jobs: list[_Job | None] = [None] * config.workers
         self._waiting: deque[CapturedFrame] = deque()
         self._pipeline: list[_Job] = []
@@ -172,9 +173,10 @@ class PerceptionServer:
             served.append(ServedFrame(captured=job.captured, available_ns=job.done_ns, estimate=job.estimate))
         return served
 
-    def abandon(self) -> None:
-        """Begin nothing any more; does not wait for what is under way."""
+    def abandon(self) -> BackgroundWorker:
+        """Begin nothing any more; return whoever may be using the estimator, without waiting for it."""
         self._thread.abandon()
+        return self._thread
 
     def settle(self) -> None:
         """Wait for what is under way, and go on."""

@@ -85,6 +85,40 @@ def test_a_closed_worker_has_no_thread_and_says_what_was_not_computed(timer):
             pending.wait()
 
 
+@pytest.mark.parametrize("queued", [False, True])
+def test_the_first_job_waits_for_what_an_abandoned_worker_is_at(timer, queued):
+    started, release, order = threading.Event(), threading.Event(), []
+    old = BackgroundWorker("perception", timer)
+    old.later(lambda: (started.set(), release.wait(5.0), order.append("old"))).begin()
+    assert started.wait(5.0)
+    if queued:
+        # Work that will never be done holds nobody up.
+        old.later(lambda: order.append("queued")).begin()
+    old.abandon()
+    new = BackgroundWorker("perception", timer, after=old)
+    first = new.later(lambda: order.append("new"))
+    first.begin()
+    assert order == []
+    release.set()
+    first.wait()
+    assert order == ["old", "new"]
+    new.close()
+
+
+@pytest.mark.parametrize("end", ["close", "settle"])
+def test_to_end_a_worker_ends_the_one_before_it(timer, end):
+    started, release = threading.Event(), threading.Event()
+    old = BackgroundWorker("perception", timer)
+    under_way = old.later(lambda: (started.set(), release.wait(5.0))).begin()
+    assert started.wait(5.0)
+    old.abandon()
+    new = BackgroundWorker("perception", timer, after=old)
+    threading.Timer(0.05, release.set).start()
+    getattr(new, end)()
+    assert under_way.done()
+    new.close()
+
+
 def copied(pending, worker):
     """Return a copy, by way of a pickle, that shares the timer, as in the state of an environment."""
     parts = {"timer": worker.timer}

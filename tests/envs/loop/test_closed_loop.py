@@ -1,5 +1,6 @@
 """The order of a step, the arrival of frames and their ages, in a whole loop with exact depth."""
 
+import threading
 from itertools import pairwise
 
 import mujoco
@@ -122,6 +123,23 @@ def test_before_the_first_frame_has_arrived_there_is_none(task_env, monkeypatch)
     env.reset(seed=3)
     assert [(one.now_ns, one.depth) for one in known] == [(0, None)]
     assert env.control_input().depth is not None
+
+
+def test_a_reset_does_not_wait_for_the_estimate_of_the_episode_before(task_env, monkeypatch):
+    started, release, order = threading.Event(), threading.Event(), []
+    env = task_env("reach")
+    env.reset(seed=3)
+    # As the frame at the end of a reset may be when the next one begins.
+    env.loop._server._thread.later(lambda: (started.set(), release.wait(5.0), order.append("estimated"))).begin()
+    assert started.wait(5.0)
+
+    def chosen(_env):
+        order.append("target chosen")
+        release.set()
+
+    watch(monkeypatch, ReachEnv, "choose_target", chosen)
+    env.reset(seed=3)
+    assert order == ["target chosen", "estimated"]
 
 
 def test_a_slow_perception_serves_the_newest_frame_and_drops_those_it_overtook(task_env):
