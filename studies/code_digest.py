@@ -12,7 +12,7 @@ _NOT_READ = frozenset({".md", ".pyi", ".pyc"})
 
 @cache
 def code_digest(study: str) -> str:
-    """Return a hash of all that this package has for the episodes of a study, such as `demonstrations`.
+    """Return a hash of all that this package has for the episodes of a study, such as `demonstrations` or `episodes`.
 
     It takes a tenth of a second, once a process. Code of the user's own, such as `module:Class` of an estimator, is not in it.
     """

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from laploop.configuration import Field, configuration
 from laploop.envs.episode_config import EpisodeConfig
 from laploop.errors import InfeasibleError, InvalidValueError, SimulationError
+from laploop.studies.code_digest import code_digest
 from laploop.studies.csv_text import csv_text
 from laploop.whole_file import whole_file
 from laploop.workers import run_in_workers
@@ -66,9 +67,9 @@ def run_trials(
 ) -> list[Row]:
     """Run the episodes that have no row yet, and return the rows of all, in the order of their seeds.
 
-    A finished episode's row is kept in `out/rows`. A row of the same configuration, content of its files and version of laploop
-    is not run again (remove the folder to start over). An episode whose physics or control failed gives a row without success,
-    and is tried again the next time.
+    A finished episode's row is kept in `out/rows`. A row of the same configuration, content of its files, version and code of
+    laploop is not run again (remove the folder to start over). An episode whose physics or control failed gives a row without
+    success, and is tried again the next time.
 
     Args:
         config: What to run.
@@ -243,7 +244,7 @@ def _share_cores(workers: int) -> None:
 
 def episode_key(episode: EpisodeConfig) -> str:
     """Return a hash of all that decides an episode's row, apart from its seed: a file counts by its content."""
-    decisive = {**asdict(episode), "seed": None, "version": version("laploop")}
+    decisive = {**asdict(episode), "seed": None, "version": version("laploop"), "code": code_digest("episodes")}
     return hashlib.sha256(json.dumps(decisive, default=_digest, sort_keys=True).encode()).hexdigest()
 
 

@@ -42,7 +42,7 @@ def run_sweep(
 ) -> list[Outcome]:
     """Run the episodes that have no row yet, and return the rows of all conditions, in the sweep's order.
 
-    A finished episode's row is kept in `out/rows`, by all that decides it: configuration, content of files, version of laploop.
+    A finished episode's row is kept in `out/rows`, by all that decides it: configuration, content of files, code of laploop.
     Conditions that share an episode share its row. An episode that failed, or whose worker died twice, gives a row with an
     error, and is tried again the next time.
 

@@ -76,6 +76,15 @@ def test_rows_of_another_configuration_are_not_taken(tmp_path):
     assert seen == [0, 1]
 
 
+def test_rows_of_other_code_are_not_taken(tmp_path, monkeypatch):
+    config = TrialsConfig(episode=EPISODE, seeds=2)
+    run_trials(config, tmp_path, run=row_for)
+    monkeypatch.setattr(trials, "code_digest", lambda _study: "another")
+    seen = []
+    run_trials(config, tmp_path, run=lambda episode: seen.append(episode.seed) or row_for(episode))
+    assert seen == [0, 1]
+
+
 def test_failed_episode_is_a_row_without_success_and_is_tried_again(tmp_path, monkeypatch):
     def fail(_episode):
         raise SimulationError("MuJoCo warned of BADQACC")
