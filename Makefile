@@ -115,6 +115,7 @@ results: $(DEV)
 	  && cp runs/speed-$$model/latency_trace.csv envs/loop/timing/traces/$$model.csv || exit 1; done
 	$(BIN)/laploop fidelity --out runs/fidelity && cp runs/fidelity/summary.json $(RESULTS)/fidelity.json
 	$(BIN)/laploop bench --out runs/bench && cp runs/bench/summary.json $(RESULTS)/bench.json
+	$(BIN)/python -P -m laploop.studies.timing.dense_kernels $(RESULTS)/dense-kernels.json
 	$(BIN)/python -P -m laploop.studies.learners.returns $(RESULTS)/learner-returns.json
 	$(BIN)/python -P -m laploop.studies.synthesis.worlds_figure docs/pictures/worlds.png
 	$(BIN)/laploop run --task reach --motion breathing --hold-s 4 --seconds 5.6 --no-rerun --video docs/pictures/run.webp --out runs/animation

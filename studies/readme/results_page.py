@@ -13,7 +13,7 @@ from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.network_specs import SHIPPED
 from laploop.studies.fidelity.run import as_markdown
 from laploop.studies.readme.anatomy_tables import anatomy_table, confidence_table, light_table, organs_table
-from laploop.studies.readme.bench_tables import against_table, bench_rows_table
+from laploop.studies.readme.bench_tables import against_table, bench_rows_table, dense_kernels_table
 from laploop.studies.readme.readme_tables import summary_markdown
 from laploop.studies.readme.results_tables import (
     fast_tasks_table,
@@ -43,7 +43,7 @@ def results_markdown(folder: Path) -> str:
     """Return the page of results for the summaries in `folder`.
 
     Those of trials, tasks, organs, anatomy and the confidence on it, the path tracer, robustness, speed, fidelity, of another
-    revision and of an injected calibration error are left out where they are missing.
+    revision, of dense kernels and of an injected calibration error are left out where they are missing.
 
     Raises:
         MissingFileError: If the folder lacks one of the others.
@@ -52,7 +52,7 @@ def results_markdown(folder: Path) -> str:
     trials = [read_summary(path) for name in TRIALS if (path := folder / f"trials-{name}.json").is_file()]
     organs = [read_summary(path) for path in sorted(folder.glob("organs-*.json"))]
     speeds = [read_summary(path) for name in MODELS if (path := folder / f"speed-{name}.json").is_file()]
-    tasks, fast, residual, robustness, fidelity, against, known, held_out, twin = (
+    tasks, fast, residual, robustness, fidelity, against, kernels, known, held_out, twin = (
         read_summary(path) if (path := folder / f"{name}.json").is_file() else None
         for name in (
             "tasks",
@@ -61,6 +61,7 @@ def results_markdown(folder: Path) -> str:
             "robustness",
             "fidelity",
             "against",
+            "dense-kernels",
             "depth-worlds",
             "depth-held-out",
             "twin",
@@ -85,6 +86,7 @@ def results_markdown(folder: Path) -> str:
         "Time of each stage": _bench_table(read_summary(folder / "bench.json")),
         "Steps, resets and memory": bench_rows_table(read_summary(folder / "bench.json")),
         "Against the revision before": against_table(against) if against else None,
+        "Dense code": dense_kernels_table(kernels) if kernels else None,
     }
     return _HEADER + "\n".join(f"\n## {title}\n\n{text}\n" for title, text in sections.items() if text is not None)
 
