@@ -8,9 +8,15 @@ frequency. In units of turns a period, the phase left after the carrier is taken
 
 from one period to the next, b being the baseline: 0.06 on a surface tilted by 45 degrees at 80 mm. Stripes of a pitch that is
 20 % off drift by 0.2 everywhere; in textures and rings the drift is another from spot to spot.
+
+Of stripes whose pitch is farther off, the window leaves little but noise, which may drift by anything. They are known by this,
+that readers of other pitches see more of them than the rig's own.
+
+A pitch that is 5 % off looks like a tilted surface. Phase and baseline of the calibration, and whether the picture is mirrored,
+change neither pitch nor direction of the stripes: nothing of that is seen here.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -24,6 +30,10 @@ from laploop.perception.geometry import Rig
 
 _Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 _Drift = Annotated[float, Field(gt=0.0, le=0.5)]
+
+_RIVALS = (1.0 / 2.5, 1.0 / 1.7, 1.0 / 1.2, 1.2, 1.7)
+"""Pitches, relative to the rig's own, that are tried against it. A reader sees a good part of stripes within 20 % of its own,
+and next to nothing of wider ones."""
 
 
 @configuration
@@ -49,10 +59,15 @@ class StripeCheckConfig:
     min_fraction: _Fraction = 0.04
     """Least fraction of the image that is striped: tissue 0.08 or more, textures 0.03 or less."""
     max_drift_turns: _Drift = 0.1
-    """Largest mean drift along x or y, turns a period: tissue 0.03, stripes 15 % too wide or too narrow 0.14."""
+    """Largest mean drift along y, turns a period: tissue 0.07."""
+    max_pitch_turns: _Drift = 0.06
+    """Largest mean drift along x: tissue 0.05, stripes 10 % too wide or too narrow 0.09."""
     max_spread_turns: _Drift = 0.06
     """Largest mean deviation of the drift from its median: tissue 0.04, a texture that has only waves of the stripes' length
     0.08."""
+    max_rival: Annotated[float, Field(gt=0.0, le=100.0)] = 1.25
+    """Largest fraction that is striped for a reader of another pitch, relative to that of the rig's own: tissue 1.0, stripes
+    30 % too wide or too narrow mostly 4 or more."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -81,10 +96,10 @@ class StripeCheck:
         """Prepare for a rig, whose camera's images the pictures are."""
         self._rig = rig
         self._config = config or StripeCheckConfig()
-        reading = PhaseConfig(window_periods=self._config.window_periods, support_px=self._config.support_px)
-        self._saturated = reading.saturated
-        self._reader = PhaseEstimator(rig, reading)
-        self._period_px = StripeCarrier(rig=rig).period_px
+        self._reader = _PitchReader(rig, self._config)
+        # A camera of another focal length would see the rig's stripes at another pitch.
+        cameras = [replace(rig.camera, fx=ratio * rig.camera.fx) for ratio in _RIVALS]
+        self._rivals = [_PitchReader(replace(rig, camera=camera), self._config) for camera in cameras]
 
     def find(self, image: NDArray[np.uint8]) -> StripePresence:
         """Look for the stripes in a picture (height, width).
@@ -94,28 +109,45 @@ class StripeCheck:
         """
         check_image(image, self._rig)
         config = self._config
-        seen = self._reader.demodulate(image)
+        fits, drift, striped = self._reader.read(image)
+        if not fits.any():
+            return StripePresence(striped=fits, drift_turns=np.nan, spread_turns=np.nan, present=False)
+        found = drift[:, fits]
+        along_x, along_y = np.abs(found.mean(axis=1)).tolist()
+        spread = float(np.abs(found - np.median(found, axis=1, keepdims=True)).mean(axis=1).max())
+        fraction = float(striped.mean())
+        present = (
+            fraction >= config.min_fraction
+            and along_x <= config.max_pitch_turns
+            and along_y <= config.max_drift_turns
+            and spread <= config.max_spread_turns
+            and all(reader.read(image)[2].mean() <= config.max_rival * fraction for reader in self._rivals)
+        )
+        return StripePresence(striped=striped, drift_turns=max(along_x, along_y), spread_turns=spread, present=present)
+
+
+class _PitchReader:
+    """Reads stripes of one pitch."""
+
+    def __init__(self, rig: Rig, config: StripeCheckConfig) -> None:
+        reading = PhaseConfig(window_periods=config.window_periods, support_px=config.support_px)
+        self._config = config
+        self._saturated = reading.saturated
+        self._estimator = PhaseEstimator(rig, reading)
+        self._period_px = StripeCarrier(rig=rig).period_px
+
+    def read(self, image: NDArray[np.uint8]) -> tuple[NDArray[np.bool_], NDArray[np.float32], NDArray[np.bool_]]:
+        """Return where a wave fits, its drift along x and y in turns a period (2, height, width), and where it is striped."""
+        config = self._config
+        seen = self._estimator.demodulate(image)
         fits = (
             (seen.amplitude >= config.min_amplitude)
             & (seen.contrast >= config.min_contrast)
             & (seen.residual <= config.max_residual)
             & (image < self._saturated)
         )
-        if not fits.any():
-            return StripePresence(striped=fits, drift_turns=np.nan, spread_turns=np.nan, present=False)
-        striped, drifts, spreads = fits.copy(), [], []
-        for axis in range(2):
-            drift = self._period_px * _wrapped_step(seen.fraction, axis)
-            striped &= np.abs(drift) <= config.max_step_turns
-            found = drift[fits]
-            drifts.append(abs(float(found.mean())))
-            spreads.append(float(np.abs(found - np.median(found)).mean()))
-        present = (
-            striped.mean() >= config.min_fraction
-            and max(drifts) <= config.max_drift_turns
-            and max(spreads) <= config.max_spread_turns
-        )
-        return StripePresence(striped=striped, drift_turns=max(drifts), spread_turns=max(spreads), present=bool(present))
+        drift = np.float32(self._period_px) * np.stack([_wrapped_step(seen.fraction, axis) for axis in (1, 0)])
+        return fits, drift, fits & (np.abs(drift) <= config.max_step_turns).all(axis=0)
 
 
 def _wrapped_step(fraction: NDArray[np.float32], axis: int) -> NDArray[np.float32]:

@@ -44,6 +44,9 @@ def main(arguments: Sequence[str]) -> int:
         table.row(
             f"stripe edges, {scene['scene']}", scene["edge_median_px"], f"px apart, 95 % within {scene['edge_p95_px']:.2g} px"
         )
+    for spot in found["spot"]:
+        ours, theirs = spot["half_mm"]["stripe_camera"], spot["half_mm"]["path_tracer"]
+        table.row(f"width of a line, subsurface {spot['profile']}", ours, f"mm at half of its peak, against {theirs:.3g} mm")
     for row in rows:
         table.row(f"{row['model']}, {row['light']}", row["mae_mm"], f"mm, {row['ratio']:.2f} of the stripe camera")
     table.show(folder.path)

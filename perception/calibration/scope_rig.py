@@ -7,12 +7,15 @@ import numpy as np
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
-from laploop.errors import InvalidValueError
+from laploop.errors import InvalidValueError, check_range
 from laploop.perception.calibration.calibration_file import CalibrationRecord, save_calibration
 from laploop.perception.calibration.projector import CalibratedRig, calibrated_rig, designed_projector
 from laploop.perception.calibration.results import MIN_VIEWS, CameraCalibration
 from laploop.perception.geometry import Rig
 from laploop.perception.reprojection import BrownDistortion
+
+_LEAST_BASELINE_M = 1e-4
+"""As of a design; what a projector above or below the camera has beside it is less."""
 
 
 def rig_of(record: CalibrationRecord, path: Path) -> CalibratedRig:
@@ -26,9 +29,11 @@ def rig_of(record: CalibrationRecord, path: Path) -> CalibratedRig:
     camera = record.scope.intrinsics
     nominal = Rig(camera=camera, baseline_m=ScopeOptics().baseline_m, mask=record.mask or StripeMask())
     try:
-        return calibrated_rig(record.scope, record.projector, nominal)
+        found = calibrated_rig(record.scope, record.projector, nominal)
+        check_range("baseline_m", found.rig.baseline_m, _LEAST_BASELINE_M, 1.0)
     except InvalidValueError as error:
         raise InvalidValueError("calibration", str(path), f"one of a projector to the camera's right ({error})") from error
+    return found
 
 
 def optics_of(record: CalibrationRecord, path: Path) -> ScopeOptics:

@@ -1,6 +1,6 @@
-"""Compares the stripe camera's images with the path tracer's: contrast, stripe edges, penumbra, light."""
+"""Compares the stripe camera's images with the path tracer's: contrast, stripe edges, penumbra, spots, light."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,13 +15,16 @@ from laploop.studies.characterization.run import find_extrema, michelson_contras
 from laploop.studies.twin.render import check_mitsuba, render_twin
 from laploop.studies.twin.scene import (
     PLANE_DISTANCES_MM,
+    SPOT_DISTANCE_M,
+    SPOT_SPACING_PX,
+    SPOTS,
     TwinScene,
     fold_scene,
     organ_scene,
     plane_scene,
     shadow_scene,
     sphere_scene,
-    twin_optics,
+    spot_scene,
     vessel_scene,
 )
 
@@ -33,6 +36,8 @@ _WALL = slice(60, 128)
 """Columns that see the wall left of the screen."""
 _MIDDLE = slice(78, 178)
 """Columns over which the contrast of a plane is measured."""
+SPOT_LEVELS = (0.5, 0.1)
+"""Of its peak, where the width of a line's light is measured."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,6 +77,8 @@ class TwinComparison:
     scenes: tuple[SceneComparison, ...]
     """Sphere, folds, vessels, organ with an instrument."""
     shadow: SceneComparison
+    spots: tuple[SceneComparison, ...]
+    """Lines of light, on what `SPOTS` lists."""
     period_px: float
     """Of the stripes in the image."""
 
@@ -86,13 +93,23 @@ class TwinComparison:
         ours, theirs = (_fall_px(image.mean(axis=0)) for image in (self.shadow.camera, self.shadow.twin))
         return ours, theirs
 
+    @property
+    def spot_widths_mm(self) -> Array:
+        """Width of a line's light on the surface, (spots, levels, 2): of the stripe camera and of the path tracer."""
+        profiles = [[line_profile(image) for image in (spot.camera, spot.twin)] for spot in self.spots]
+        return np.array([[[width_at(*line, level) for line in pair] for level in SPOT_LEVELS] for pair in profiles])
+
     def as_dict(self) -> dict[str, Any]:
         """Return what was measured, as plain data."""
         contrasts = zip(PLANE_DISTANCES_MM, self.contrasts.tolist(), strict=True)
         return {
             "contrast": [{"distance_mm": mm, "stripe_camera": ours, "path_tracer": theirs} for mm, (ours, theirs) in contrasts],
             "scenes": [self._scene_row(compared) for compared in self.scenes],
-            "penumbra_px": dict(zip(("stripe_camera", "path_tracer"), self.penumbra_px, strict=True)),
+            "penumbra_px": _by_renderer(self.penumbra_px),
+            "spot": [
+                {"profile": spread.profile, "half_mm": _by_renderer(half), "tenth_mm": _by_renderer(tenth)}
+                for spread, (half, tenth) in zip(SPOTS, self.spot_widths_mm.tolist(), strict=True)
+            ],
         }
 
     def _scene_row(self, compared: SceneComparison) -> dict[str, Any]:
@@ -115,30 +132,74 @@ def compare_with_twin(progress: Callable[[float], None] | None = None) -> TwinCo
     check_mitsuba()
     scenes = [plane_scene(distance) for distance in PLANE_DISTANCES_MM]
     scenes += [sphere_scene(), fold_scene(), vessel_scene(), organ_scene(), shadow_scene()]
+    scenes += [spot_scene(spread) for spread in SPOTS]
     done = []
     for number, scene in enumerate(scenes, start=1):
         done.append(compare_scene(scene))
         if progress is not None:
             progress(number / len(scenes))
-    planes = len(PLANE_DISTANCES_MM)
+    planes, spots = len(PLANE_DISTANCES_MM), len(SPOTS)
     rig = Rig.from_optics(ScopeOptics())
     return TwinComparison(
         planes=tuple(done[:planes]),
-        scenes=tuple(done[planes:-1]),
-        shadow=done[-1],
+        scenes=tuple(done[planes : -spots - 1]),
+        shadow=done[-spots - 1],
+        spots=tuple(done[-spots:]),
         period_px=rig.mask.period_tan * rig.camera.fx,
     )
 
 
 def compare_scene(scene: TwinScene) -> SceneComparison:
     """Render a scene with the stripe camera and with the path tracer."""
-    rig, optics = replace(Rig.from_optics(ScopeOptics()), mask=scene.mask), twin_optics()
-    camera = StripeCamera(rig, optics)
+    rig = replace(Rig.from_optics(ScopeOptics()), mask=scene.mask)
+    camera = StripeCamera(rig, scene.optics)
     camera.attach_geometry(scene.geometry)
     capture = camera.capture(None, np.eye(4), None)
     camera.close()
-    twin = render_twin(rig, optics, scene.geometry, capture, rows=scene.rows)
+    twin = render_twin(rig, scene.optics, scene.geometry, capture, rows=scene.rows)
     return SceneComparison(scene=scene, camera=capture.electrons[slice(*scene.rows)].astype(np.float64), twin=twin)
+
+
+def line_profile(image: Array) -> tuple[Array, Array]:
+    """Return places across a line in mm on the surface and its light there, from the rows of a `spot_scene`.
+
+    The middle third of the rows counts, which light can reach from all that scatter.
+    """
+    third = len(image) // 3
+    place_px, light = fold_lines(image[third:-third].mean(axis=0), SPOT_SPACING_PX)
+    return place_px * 1e3 * SPOT_DISTANCE_M / Rig.from_optics(ScopeOptics()).camera.fx, light
+
+
+def fold_lines(profile: Array, spacing_px: float) -> tuple[Array, Array]:
+    """Lay equal lines of light, which cross a row, on top of each other.
+
+    Args:
+        profile: The row's light, (width,).
+        spacing_px: From line to line.
+
+    Returns:
+        Places in pixels from the lines' common middle, ascending, and the light there as a share of its line's.
+    """
+    x = np.arange(len(profile)) + 0.5
+    turns = x / spacing_px - np.angle(np.sum(profile * np.exp(2j * np.pi * x / spacing_px))) / (2.0 * np.pi)
+    line = np.round(turns).astype(int)
+    sums = np.bincount(line - line.min(), weights=profile)[line - line.min()]
+    place = spacing_px * (turns - line)
+    order = [i for i in np.argsort(place) if sums[i] > 0.5 * sums.max()]
+    return place[order], profile[order] / sums[order]
+
+
+def width_at(place: Array, light: Array, level: float) -> float:
+    """Return how wide a line's light is where it falls to a fraction of its peak, on both sides, in the unit of `place`."""
+    least = level * light.max()
+    first, *_, last = np.flatnonzero(light >= least)
+    left = np.interp(least, light[[first - 1, first]], place[[first - 1, first]])
+    right = np.interp(least, light[[last + 1, last]], place[[last + 1, last]])
+    return float(right - left)
+
+
+def _by_renderer(pair: Iterable[float]) -> dict[str, float]:
+    return dict(zip(("stripe_camera", "path_tracer"), pair, strict=True))
 
 
 def _plane_contrast(image: Array, period_px: float) -> float:

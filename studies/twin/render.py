@@ -22,12 +22,12 @@ from laploop.envs.sensors.stripe_capture import ExactView
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.errors import InvalidValueError
 from laploop.perception.geometry import Rig
+from laploop.studies.twin.spread import spread
 
 _VARIANT = "scalar_rgb"
 """The variant that needs nothing beside the package."""
 _TEXELS = 1024
 _MARGIN_TAN = 0.14
-_LARGEST_SPREAD_SIGMAS = 4.0
 
 
 def check_mitsuba() -> None:
@@ -54,7 +54,7 @@ def render_twin(
 
     Args:
         rig: Camera and projector at the world's origin.
-        optics: Without gloss and light of the cavity, which are left out.
+        optics: Without gloss, light of the cavity and other lights, which are left out.
         geometry: The scene, in the camera's frame.
         view: Exact geometry, for distances on the surface.
         rows: First row and the row behind the last.
@@ -68,6 +68,8 @@ def render_twin(
     check_mitsuba()
     if optics.cavity_fraction > 0.0:
         raise InvalidValueError("cavity_fraction", optics.cavity_fraction, "0: the path tracer has no cavity")
+    if optics.ambient_w_m2 > 0.0:
+        raise InvalidValueError("ambient_w_m2", optics.ambient_w_m2, "0: the path tracer has no other lights")
     import mitsuba as mi
 
     mi.set_variant(_VARIANT)
@@ -94,11 +96,7 @@ def render_twin(
     tissue = object_id == ObjectId.TISSUE
     if optics.tissue.subsurface.profile != "none" and tissue.any():
         normals, position = view.normals[part].astype(np.float64), depth[..., None] * rays
-        parts = [
-            weight * _spread(irradiance, tissue, position, normals, rays, sigma, rig)
-            for weight, sigma in optics.tissue.subsurface.gaussians
-        ]
-        irradiance = np.sum(parts, axis=0)
+        irradiance = spread(irradiance, tissue, position, normals, rays, optics.tissue.subsurface, rig)
     cosine = 1.0 / np.linalg.norm(rays, axis=-1)
     electrons = albedo / math.pi * irradiance * cosine**optics.vignetting_exponent * optics.electrons_per_radiance
     blurred: Array = gaussian_filter(electrons, optics.lens_blur_px, mode="reflect")
@@ -240,23 +238,3 @@ def _vertex_albedo(geometry: SceneGeometry, materials: NDArray[np.float32]) -> A
     albedo = np.zeros(len(geometry.points))
     albedo[geometry.triangles.ravel()] = np.repeat(materials[geometry.object_ids, 0], 3)
     return albedo * geometry.albedo_factor
-
-
-def _spread(
-    irradiance: Array, scatters: Array, position: Array, normals: Array, rays: Array, sigma_m: float, rig: Rig
-) -> Array:
-    """Spread irradiance by a Gaussian of the distance in space, weighted by the area that each pixel shows."""
-    height, width = scatters.shape
-    cosine = np.abs(np.sum(normals * rays, axis=-1))
-    area = np.where(scatters, position[..., 2] ** 2 / (rig.camera.fx * rig.camera.fy) / np.maximum(cosine, 0.05), 0.0)
-    reach = math.ceil(_LARGEST_SPREAD_SIGMAS * sigma_m * rig.camera.fx / float(np.nanmin(position[..., 2])))
-    total, weights = np.zeros_like(irradiance), np.zeros_like(irradiance)
-    for down in range(-reach, reach + 1):
-        for across in range(-reach, reach + 1):
-            here = np.s_[max(-down, 0) : height - max(down, 0), max(-across, 0) : width - max(across, 0)]
-            there = np.s_[max(down, 0) : height - max(-down, 0), max(across, 0) : width - max(-across, 0)]
-            square = np.sum((position[there] - position[here]) ** 2, axis=-1)
-            weight = np.nan_to_num(area[there] * np.exp(-0.5 * square / sigma_m**2))
-            total[here] += weight * irradiance[there]
-            weights[here] += weight
-    return np.where(scatters, total / np.maximum(weights, 1e-30), irradiance)

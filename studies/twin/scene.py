@@ -1,8 +1,8 @@
-"""Scenes for the comparison of the stripe camera with a path tracer: planes, a sphere, folds, vessels, an organ, a shadow."""
+"""Scenes for the comparison of the stripe camera with a path tracer: planes, sphere, folds, vessels, organ, shadow, lines."""
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -15,9 +15,27 @@ from laploop.envs.sensors.tracing import primitives
 from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 
 PLANE_DISTANCES_MM = (60, 80, 100, 120, 140)
+SPOT_DISTANCE_M = 0.070
+SPOT_SPACING_PX = 35.2
+"""From line to line: they fall on five places of a pixel, so that all of them together are one of five times as many pixels."""
+SPOTS = (
+    Subsurface(),
+    Subsurface(profile="gaussian", fwhm_m=0.001),
+    Subsurface(profile="dipole", reduced_scattering_per_m=1000.0, absorption_per_m=150.0),
+)
+"""A card, and tissue of two kinds."""
+_SPOT_STEPS = 160
+"""Of the mask, as wide as the lines: 0.5 mm on the surface, 1.6 px."""
 _STEP_M = 1e-3
 _HALF_M = 0.075
 _MATTE = Material(albedo=0.4, reflectance=0.0, roughness=1.0)
+
+
+def twin_optics() -> StripeOptics:
+    """Return the nominal optics without what the path tracer's side leaves out: gloss and the light of the cavity."""
+    spread = Subsurface(profile="gaussian", fwhm_m=0.001)
+    tissue = Material(albedo=0.4, reflectance=0.0, roughness=1.0, subsurface=spread)
+    return StripeOptics(cavity_fraction=0.0, tissue=tissue, tool=_MATTE, stage=_MATTE, other=_MATTE)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -27,15 +45,9 @@ class TwinScene:
     name: str
     geometry: SceneGeometry
     mask: StripeMask
+    optics: StripeOptics = field(default_factory=twin_optics)
     rows: tuple[int, int] = (0, 256)
     """First row and the row behind the last."""
-
-
-def twin_optics() -> StripeOptics:
-    """Return the nominal optics without what the path tracer's side leaves out: gloss and the light of the cavity."""
-    spread = Subsurface(profile="gaussian", fwhm_m=0.001)
-    tissue = Material(albedo=0.4, reflectance=0.0, roughness=1.0, subsurface=spread)
-    return StripeOptics(cavity_fraction=0.0, tissue=tissue, tool=_MATTE, stage=_MATTE, other=_MATTE)
 
 
 def plane_scene(distance_mm: int) -> TwinScene:
@@ -100,6 +112,27 @@ def shadow_scene() -> TwinScene:
     screen = np.array([[-0.004, -0.1, 0.05], [0.1, -0.1, 0.05], [0.1, 0.1, 0.05], [-0.004, 0.1, 0.05]])
     geometry = joined((screen, np.array([[0, 1, 2], [0, 2, 3]])), wall)
     return TwinScene(name="shadow", geometry=geometry, mask=StripeMask(profile=(1.0,)), rows=(112, 144))
+
+
+def spot_scene(subsurface: Subsurface) -> TwinScene:
+    """Return a facing plane of a material under five fine lines of light, from a projector that is in focus there.
+
+    The rows are as many as a dipole's light crosses on its way to the middle ones.
+    """
+    spacing = round(SPOT_SPACING_PX * _SPOT_STEPS / 256)
+    profile = np.zeros(_SPOT_STEPS)
+    profile[_SPOT_STEPS // 2 + spacing * np.arange(-2, 3)] = 1.0
+    optics = twin_optics()
+    sharp = replace(
+        optics,
+        source_blur_tan=0.002,
+        projector_focus_m=SPOT_DISTANCE_M,
+        glare_fraction=0.0,
+        tissue=replace(optics.tissue, subsurface=subsurface),
+    )
+    plane = height_field(lambda x, _: np.full_like(x, SPOT_DISTANCE_M), object_id=ObjectId.TISSUE, half_m=2.0, step_m=2.0)
+    mask = StripeMask(profile=tuple(profile.tolist()))
+    return TwinScene(name=f"lines, {subsurface.profile}", geometry=plane, mask=mask, optics=sharp, rows=(80, 176))
 
 
 def height_field(

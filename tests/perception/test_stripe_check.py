@@ -1,4 +1,7 @@
-"""The check finds stripes, and takes nothing else in a picture for stripes."""
+"""The check finds stripes, and takes nothing else in a picture for stripes, nor stripes for those of another calibration."""
+
+import json
+import math
 
 import cv2
 import numpy as np
@@ -6,6 +9,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from laploop.assets.scope_optics import ScopeOptics
+from laploop.assets.stripe_mask import StripeMask
 from laploop.errors import InvalidValueError
 from laploop.perception.calibration.scope_rig import save_design
 from laploop.perception.pictures.predictor import NO_STRIPES, PicturePredictor
@@ -82,6 +86,37 @@ def pictures_without_stripes(stripes=20, seed=0):
 PICTURES = pictures_without_stripes()
 
 
+def scenes(rig, sphere_depth):
+    """Return depth in metres and albedo of surfaces that fill the view, by name."""
+    x, y = rig.camera.rays[..., 0], rig.camera.rays[..., 1]
+    made = {f"plane at {mm} mm": (np.full(x.shape, 1e-3 * mm), 1.0) for mm in (60, 100, 140)}
+    made["tilted plane"] = 0.09 / (1.0 - math.tan(math.radians(30.0)) * x), 1.0
+    made["ball"] = sphere_depth(rig)[0], 1.0
+    lobes = 0.085 + 0.006 * np.sin(16.0 * x + 5.0 * y) * np.cos(14.0 * y) + 0.01 * y
+    rng = np.random.default_rng(5)
+    mottled = np.exp(3.0 * gaussian_filter(rng.standard_normal(x.shape), 5.0))
+    made["mottled lobes"] = lobes, mottled
+    tool = np.abs(y - 0.5 * x + 0.05) < 0.07 * (x > -0.1)
+    made["lobes behind a tool"] = np.where(tool, 0.065, lobes), np.where(tool, 0.3, mottled)
+    return made
+
+
+def _mask(stripes):
+    return ScopeOptics(mask=StripeMask(stripes=stripes))
+
+
+def _focal(content, factor):
+    for name in ("fx", "fy"):
+        content["cameras"]["scope"][name] *= factor
+
+
+WRONG_CALIBRATIONS = {f"{stripes} stripes": (_mask(stripes), 1.0) for stripes in (10, 14, 17, 24, 28, 40)}
+WRONG_CALIBRATIONS |= {
+    f"{factor:g} times the focal length": (ScopeOptics(), factor) for factor in (0.5, 0.7, 0.8, 1.2, 1.3, 2.0)
+}
+TURNED = {"a quarter": np.rot90, "a quarter back": lambda picture: np.rot90(picture, -1), "swapped axes": np.transpose}
+
+
 @pytest.fixture(scope="module")
 def check(rig):
     return StripeCheck(rig)
@@ -119,6 +154,67 @@ def test_stripes_are_found_on_a_noisy_plane_in_any_light(rig, render, check, dep
     assert found.present
     assert found.fraction > 0.3
     assert found.drift_turns < 0.02
+
+
+def _predictor(folder, model, optics, factor=1.0, baseline=1.0):
+    path = folder / "scope.json"
+    save_design(path, optics)
+    content = json.loads(path.read_text())
+    _focal(content, factor)
+    content["projector"]["projector_from_camera"][0][3] *= baseline
+    path.write_text(json.dumps(content))
+    return PicturePredictor(path, model)
+
+
+@pytest.fixture(scope="module")
+def striped_pictures(rig, render, sphere_depth):
+    """Pictures of `scenes` in any light, by name."""
+    rng = np.random.default_rng(2)
+    lights = {"usual": (150.0, 15.0), "weak": (8.0, 1.0), "too much": (400.0, 40.0)}
+    return {
+        f"{name} in {light} light": render(rig, depth_m, rng=rng, bright=bright, dark=dark, albedo=albedo)
+        for name, (depth_m, albedo) in scenes(rig, sphere_depth).items()
+        for light, (bright, dark) in lights.items()
+    }
+
+
+def test_stripes_are_found_on_all_surfaces_in_any_light(striped_pictures, check):
+    for name, picture in striped_pictures.items():
+        assert check.find(picture).present, name
+
+
+@pytest.mark.parametrize("model", ["phase", "compact", "ssle-phase"])
+@pytest.mark.parametrize("calibration", WRONG_CALIBRATIONS)
+def test_no_pixel_is_valid_under_a_calibration_of_another_pitch(tmp_path, striped_pictures, model, calibration):
+    predictor = _predictor(tmp_path, model, *WRONG_CALIBRATIONS[calibration])
+    for name, picture in list(striped_pictures.items())[:: 1 if model == "phase" else 4]:
+        found = predictor.predict(picture)
+        assert not found.valid.any(), name
+        assert found.note == NO_STRIPES
+
+
+@pytest.mark.parametrize("turned", TURNED)
+def test_no_stripes_are_found_in_a_picture_turned_by_a_quarter(striped_pictures, check, turned):
+    for name, picture in striped_pictures.items():
+        assert not check.find(np.ascontiguousarray(TURNED[turned](picture))).present, name
+
+
+@pytest.mark.parametrize(
+    ("optics", "baseline"), [(ScopeOptics(mask=StripeMask(phase=0.5)), 1.0), (ScopeOptics(), 2.0), (ScopeOptics(), 0.5)]
+)
+def test_a_calibration_of_the_same_pitch_is_not_told_from_the_right_one(tmp_path, rig, render, check, optics, baseline):
+    picture = render(rig, np.full((256, 256), 0.1), rng=np.random.default_rng(3))
+    found = _predictor(tmp_path, "phase", optics, baseline=baseline).predict(picture)
+    np.testing.assert_array_equal(found.stripes.striped, check.find(picture).striped)
+    assert found.stripes.present
+    # Nothing in the picture contradicts the wrong depth.
+    assert abs(np.median(found.raw_depth_mm[100:150, 100:150]) - 100.0) > 20.0
+
+
+def test_a_mirrored_picture_is_not_told_from_one_that_is_not(striped_pictures, check):
+    picture = striped_pictures["ball in usual light"]
+    for mirrored in (picture[:, ::-1], picture[::-1], picture[::-1, ::-1]):
+        assert check.find(np.ascontiguousarray(mirrored)).present
 
 
 @pytest.mark.parametrize("axis", [0, 1])

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from laploop.assets.scope_optics import ScopeOptics
 from laploop.assets.stripe_mask import StripeMask
@@ -49,11 +50,25 @@ def test_a_design_is_read_back_without_a_reference_camera(tmp_path):
         load_calibration(path)
 
 
-def test_a_projector_on_the_wrong_side_is_refused(tmp_path):
-    path = tmp_path / "scope.json"
+@pytest.mark.parametrize("centre_m", [[0.0, 0.0, 0.0], [-0.005, 0.0, 0.0], [0.0, 0.005, 0.0], [0.0, -0.005, 0.0]])
+@pytest.mark.parametrize("roll_deg", [0, 90, 180])
+def test_a_projector_that_is_not_to_the_right_is_refused(tmp_path, centre_m, roll_deg):
+    with pytest.raises(ValueError, match="a projector to the camera's right"):
+        _rig_with_projector(tmp_path / "scope.json", centre_m, roll_deg)
+
+
+@pytest.mark.parametrize("roll_deg", [90, 180])
+def test_a_projector_whose_axes_are_swapped_is_refused(tmp_path, roll_deg):
+    with pytest.raises(ValueError, match="a projector to the camera's right"):
+        _rig_with_projector(tmp_path / "scope.json", [0.005, 0.0, 0.0], roll_deg)
+
+
+def _rig_with_projector(path, centre_m, roll_deg):
     save_design(path, ScopeOptics())
     content = json.loads(path.read_text())
-    content["projector"]["projector_from_camera"] = np.eye(4).tolist()
+    projector_from_camera = np.eye(4)
+    projector_from_camera[:3, :3] = np.round(Rotation.from_euler("z", roll_deg, degrees=True).as_matrix())
+    projector_from_camera[:3, 3] = -projector_from_camera[:3, :3] @ centre_m
+    content["projector"]["projector_from_camera"] = projector_from_camera.tolist()
     path.write_text(json.dumps(content))
-    with pytest.raises(ValueError, match="a projector to the camera's right"):
-        rig_of(load_record(path), path)
+    return rig_of(load_record(path), path)
