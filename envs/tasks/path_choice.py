@@ -22,7 +22,7 @@ _STARTS = 400
 _SHAFT_EVERY = 4
 """Clearance of the shaft is checked at every fourth point of the path."""
 _LED_ON = 50
-"""Of walks that end early, so many of the longest are looked at: what each costs, a reset does."""
+"""Where no walk is a path, so many of the longest are looked at: what each costs, a reset does."""
 _BESIDE_M = 0.002
 """Half the width of the strip along a path whose steepest place is compared."""
 
@@ -50,7 +50,7 @@ def choose_path_pixels(
     surface = (camera.rays * depth_m[..., None])[np.isfinite(depth_m)][::4]
     steepness = _steepness(view, camera)
     found: list[Array] = []
-    short: list[tuple[Array, float]] = []
+    others: list[tuple[Array, float]] = []
 
     def clear(path: Array) -> list[bool]:
         points = camera.unproject(path, _values_at(depth_m, path))
@@ -60,17 +60,17 @@ def choose_path_pixels(
         first = np.array([columns[start] + 0.5, rows[start] + 0.5])
         heading = float(rng.uniform(-np.pi, np.pi))
         walked, length_m = _walk(first, heading, depth_m, fits, camera, config)
-        if length_m < config.length_m:
-            short.append((walked, heading))
-            continue
-        path = evenly(walked, depth_m, camera, config.points, config.length_m)
-        if all(clear(path[::_SHAFT_EVERY])):
-            found.append(path)
-            if len(found) == config.candidates:
-                break
+        if length_m >= config.length_m:
+            path = evenly(walked, depth_m, camera, config.points, config.length_m)
+            if all(clear(path[::_SHAFT_EVERY])):
+                found.append(path)
+                if len(found) == config.candidates:
+                    break
+                continue
+        others.append((walked, heading))
     if found:
         return min(found, key=lambda path: float(_values_at(steepness, path).max()))
-    lines = [_led_back(walked, heading, depth_m, fits, camera, config) for walked, heading in short]
+    lines = [_led_back(walked, heading, depth_m, fits, camera, config) for walked, heading in others]
     longest = _longest(lines, clear, depth_m, camera)
     if longest is not None and path_length_m(longest, depth_m, camera)[-1] >= config.min_share * config.length_m:
         return evenly(longest, depth_m, camera, config.points, config.length_m)
