@@ -86,8 +86,9 @@ results: $(DEV)
 	for estimator in oracle $(MODELS); do for motion in still breathing; do \
 	  $(BIN)/laploop trials --perception $$estimator --motion $$motion --seeds 10 --workers 2 --out runs/trials-$$estimator-$$motion \
 	  && cp runs/trials-$$estimator-$$motion/summary.json $(RESULTS)/trials-$$estimator-$$motion.json || exit 1; done; done
-	for organ in $(ORGANS); do $(BIN)/laploop phantom --family $$organ --out runs/$$organ.stl; for task in reach track; do \
-	  $(BIN)/laploop trials --task $$task --phantom runs/$$organ.stl --motion breathing --seeds 10 --workers 2 \
+	for organ in $(ORGANS); do $(BIN)/laploop phantom --family $$organ --out runs/$$organ.stl; for task in reach track scan; do \
+	  if [ $$task = scan ]; then motion=still; else motion=breathing; fi; \
+	  $(BIN)/laploop trials --task $$task --phantom runs/$$organ.stl --motion $$motion --seeds 10 --workers 2 \
 	  --out runs/organs-$$organ-$$task && cp runs/organs-$$organ-$$task/summary.json $(RESULTS)/organs-$$organ-$$task.json \
 	  || exit 1; done; done
 	$(BIN)/laploop synthesize --train-tissues 0 --val-tissues 0 --seed 30 --out $(FRAMES)

@@ -37,6 +37,9 @@ class DepthEstimate:
     """(height, width), where the estimator marks its depth valid."""
     confidence: NDArray[np.float32] | None = None
     """(height, width), probability of being within 1 mm, 0 to 1; None where the estimator has none."""
+    slip: NDArray[np.float32] | None = None
+    """(height, width), probability of a slip, 0 to 1: of being off by more than a tenth, or of a true depth outside the working
+    range; None where the estimator has none."""
 
     def __post_init__(self) -> None:
         arrays: dict[str, object] = {"depth_mm": self.depth_mm, "valid": self.valid}
@@ -49,8 +52,9 @@ class DepthEstimate:
         types = (str(self.depth_mm.dtype), str(self.valid.dtype))
         if types != ("float32", "bool"):
             raise InvalidValueError("type of depth_mm and valid", types, "float32 and bool")
-        if self.confidence is not None:
-            _check_confidence(self.confidence, shapes[0])
+        for name, probability in (("confidence", self.confidence), ("slip", self.slip)):
+            if probability is not None:
+                _check_probability(name, probability, shapes[0])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,13 +78,13 @@ class DepthFrame:
         return now_ns - self.captured_ns
 
 
-def _check_confidence(confidence: NDArray[np.float32], shape: tuple[int, ...]) -> None:
-    if not isinstance(confidence, np.ndarray) or confidence.shape != shape or confidence.dtype != np.float32:
-        raise InvalidValueError("confidence", _in_words(confidence), f"an array of float32, shape {shape}")
+def _check_probability(name: str, values: NDArray[np.float32], shape: tuple[int, ...]) -> None:
+    if not isinstance(values, np.ndarray) or values.shape != shape or values.dtype != np.float32:
+        raise InvalidValueError(name, _in_words(values), f"an array of float32, shape {shape}")
     # NaN fails both comparisons.
-    wrong = ~np.logical_and(confidence >= 0.0, confidence <= 1.0)
+    wrong = ~np.logical_and(values >= 0.0, values <= 1.0)
     if wrong.any():
-        raise InvalidValueError("confidence", float(confidence[wrong][0]), "0 to 1 at every pixel")
+        raise InvalidValueError(name, float(values[wrong][0]), "0 to 1 at every pixel")
 
 
 def _check_times_and_pose(frame: StripeFrame | DepthFrame) -> None:

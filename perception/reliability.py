@@ -26,13 +26,13 @@ _BINS = 1000
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrationBin:
-    """Pixels of one tenth of the confidence."""
+    """Pixels of similar predicted probability, as of one tenth of the confidence."""
 
     pixels: int
     predicted: float
-    """Mean confidence; NaN without pixels."""
+    """Mean probability; NaN without pixels."""
     seen: float
-    """Fraction within 1 mm."""
+    """Fraction of which what was predicted is true."""
 
 
 @dataclass(kw_only=True)

@@ -115,6 +115,8 @@ class PathChoiceConfig:
 
     length_m: Annotated[float, Field(ge=0.01, le=0.3)] = 0.060
     """On the surface."""
+    min_share: Fraction = 0.5
+    """Least fraction of `length_m` that will do where the tissue has no room for all of it; 1 insists on the whole."""
     spacing_m: Annotated[float, Field(ge=0.0005, le=0.06)] = 0.002
     """Between neighbouring points, at most a fifth of the length."""
     max_turn_rad: Annotated[float, Field(ge=0.0, le=1.0)] = math.radians(14.0)
@@ -122,9 +124,10 @@ class PathChoiceConfig:
     candidates: Annotated[int, Field(ge=1, le=1000)] = 4
     """Of this many lines that qualify, the one with the least steep surroundings is taken; 1 takes the first."""
     pixels: TargetChoiceConfig = Field(
-        default_factory=lambda: TargetChoiceConfig(max_radius_m=0.040, max_tool_angle_rad=math.radians(70.0))
+        default_factory=lambda: TargetChoiceConfig(min_depth_m=0.062, max_radius_m=0.040, max_tool_angle_rad=math.radians(70.0))
     )
-    """What each of its points must keep."""
+    """What each of its points must keep: 2 mm from the near end of the working range too, about which an estimator cannot be
+    sure, and many of its pixels must be valid in one frame."""
 
     def __post_init__(self) -> None:
         if self.spacing_m > 0.2 * self.length_m:

@@ -1,5 +1,8 @@
 """Which line of the first frame becomes the path of a scan."""
 
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
@@ -18,6 +21,8 @@ _STARTS = 400
 """Largest number of starts that are tried."""
 _SHAFT_EVERY = 4
 """Clearance of the shaft is checked at every fourth point of the path."""
+_LED_ON = 50
+"""Where no walk is a path, so many of the longest are looked at: what each costs, a reset does."""
 _BESIDE_M = 0.002
 """Half the width of the strip along a path whose steepest place is compared."""
 
@@ -29,11 +34,12 @@ def choose_path_pixels(
     rng: np.random.Generator,
     config: PathChoiceConfig,
 ) -> Array:
-    """Draw a path, pixels (n, 2) `spacing_m` apart on the surface, `length_m` long.
+    """Draw a path, evenly spaced pixels (points, 2), `length_m` long on the surface.
 
     A walk from a random start keeps to high ground, as one would draw a line along a loop of bowel, and turns by at most
     `max_turn_rad` a step. Of a few such lines the one is taken that keeps away farthest from steep flanks and from the edges
-    of what is seen of the tissue.
+    of what is seen of the tissue. Where none is long enough, as among tight loops, the walks are led on from their starts the
+    other way too, and the longest line is taken, if it has at least `min_share` of the length.
 
     Raises:
         SimulationError: If no path qualifies.
@@ -44,22 +50,33 @@ def choose_path_pixels(
     surface = (camera.rays * depth_m[..., None])[np.isfinite(depth_m)][::4]
     steepness = _steepness(view, camera)
     found: list[Array] = []
+    others: list[tuple[Array, float]] = []
+
+    def clear(path: Array) -> list[bool]:
+        points = camera.unproject(path, _values_at(depth_m, path))
+        return [shaft_is_clear(point, trocar_in_camera, surface, config.pixels) for point in points]
+
     for start in rng.permutation(len(rows))[:_STARTS]:
         first = np.array([columns[start] + 0.5, rows[start] + 0.5])
         heading = float(rng.uniform(-np.pi, np.pi))
-        walked = _walk(first, heading, depth_m, fits, camera, config)
-        if walked is None:
-            continue
-        path = evenly(walked, depth_m, camera, config.points, config.length_m)
-        points = camera.unproject(path, _values_at(depth_m, path))
-        if all(shaft_is_clear(point, trocar_in_camera, surface, config.pixels) for point in points[::_SHAFT_EVERY]):
-            found.append(path)
-            if len(found) == config.candidates:
-                break
+        walked, length_m = _walk(first, heading, depth_m, fits, camera, config)
+        if length_m >= config.length_m:
+            path = evenly(walked, depth_m, camera, config.points, config.length_m)
+            if all(clear(path[::_SHAFT_EVERY])):
+                found.append(path)
+                if len(found) == config.candidates:
+                    break
+                continue
+        others.append((walked, heading))
     if found:
         return min(found, key=lambda path: float(_values_at(steepness, path).max()))
+    lines = [_led_back(walked, heading, depth_m, fits, camera, config) for walked, heading in others]
+    longest = _longest(lines, clear, depth_m, camera)
+    if longest is not None and path_length_m(longest, depth_m, camera)[-1] >= config.min_share * config.length_m:
+        return evenly(longest, depth_m, camera, config.points, config.length_m)
     raise SimulationError(
-        f"no line of {config.length_m * 1e3:.0f} mm in the first frame qualifies as a path ({len(rows)} pixels are lit tissue "
+        f"no line of {config.length_m * 1e3:.0f} mm in the first frame qualifies as a path, nor one of "
+        f"{config.min_share * config.length_m * 1e3:.0f} mm ({len(rows)} pixels are lit tissue "
         f"within reach, {min(len(rows), _STARTS)} starts were tried); try another seed, a shorter path or a wider "
         "PathChoiceConfig"
     )
@@ -104,10 +121,32 @@ def path_length_m(path: Array, depth_m: Array, camera: Intrinsics) -> Array:
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
+def _longest(lines: Sequence[Array], clear: Callable[[Array], list[bool]], depth_m: Array, camera: Intrinsics) -> Array | None:
+    """Return the longest stretch of the longest lines (n, 2) over which the shaft is clear; None where it is nowhere."""
+    best, best_m = None, 0.0
+    for line in sorted(lines, key=lambda line: -path_length_m(line, depth_m, camera)[-1])[:_LED_ON]:
+        along = path_length_m(line, depth_m, camera)
+        if along[-1] <= best_m:
+            break
+        breaks = np.flatnonzero(~np.array([False, *clear(line), False])) - 1
+        for low, high in pairwise(breaks):
+            if high > low + 1 and along[high - 1] - along[low + 1] > best_m:
+                best, best_m = line[low + 1 : high], along[high - 1] - along[low + 1]
+    return best
+
+
+def _led_back(walked: Array, heading: float, depth_m: Array, fits: Mask, camera: Intrinsics, config: PathChoiceConfig) -> Array:
+    """Return a walk (n, 2) that began at a heading, led on from its start the other way, without a bend there."""
+    if len(walked) > 1:
+        heading = float(np.arctan2(*(walked[1] - walked[0])[::-1]))
+    back, _ = _walk(walked[0], heading + np.pi, depth_m, fits, camera, config)
+    return np.concatenate([back[:0:-1], walked])
+
+
 def _walk(
     first: Array, heading: float, depth_m: Array, fits: Mask, camera: Intrinsics, config: PathChoiceConfig
-) -> Array | None:
-    """Return the path from a pixel, (n, 2), or None where it leaves what qualifies."""
+) -> tuple[Array, float]:
+    """Return the path from a pixel, (n, 2), and its length in metres: short of `length_m` where it leaves what qualifies."""
     path = [first]
     length = 0.0
     turns = np.linspace(-config.max_turn_rad, config.max_turn_rad, 7)
@@ -120,7 +159,7 @@ def _walk(
         ahead = here + step_px * np.array([1.0, 2.5, 4.0])[:, None, None] * directions
         inside = _at(fits, ahead[0])
         if not inside.any():
-            return None
+            break
         # The mean depth ahead tells how high the ground is; straight on wins a tie.
         cost = np.nanmean(np.where(_at(fits, ahead), _values_at(depth_m, ahead), depth + 0.01), axis=0) + 1e-4 * np.abs(turns)
         best = int(np.argmin(np.where(inside, cost, np.inf)))
@@ -129,7 +168,7 @@ def _walk(
         pair = np.stack(path[-2:])
         way = np.diff(camera.unproject(pair, _values_at(depth_m, pair)), axis=0)
         length += float(np.linalg.norm(way))
-    return np.array(path)
+    return np.array(path), length
 
 
 def _at(mask: Mask, pixels: Array) -> Mask:

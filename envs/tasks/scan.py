@@ -24,10 +24,11 @@ from laploop.errors import InvalidValueError
 class ScanEnv(TaskEnv[ScanConfig]):
     """Lead the ball end of the instrument 3 mm above a line that was drawn in the first frame, 60 mm long on the tissue.
 
-    The line is material: it moves with the tissue. Its foot is the point of it nearest to the tip, at most 4 mm from the
-    progress of the scan. The stand-off is the height of the ball's lowest point above the foot along the surface's normal.
-    The incidence is the angle between that normal and the line from the foot to the tip: a straight shaft in its trocar
-    cannot choose its direction, but its tip can face the surface squarely. `info` also has the shaft's own angle.
+    On tissue without room for that, such as an organ's tight loops, the line is as long as fits, 30 mm or more. It is
+    material: it moves with the tissue. Its foot is the point of it nearest to the tip, at most 4 mm from the progress of the
+    scan. The stand-off is the height of the ball's lowest point above the foot along the surface's normal. The incidence is
+    the angle between that normal and the line from the foot to the tip: a straight shaft in its trocar cannot choose its
+    direction, but its tip can face the surface squarely. `info` also has the shaft's own angle.
 
     ## Action and observation
 

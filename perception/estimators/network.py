@@ -66,10 +66,8 @@ class NetworkEstimator(ABC):
             output = self._network(torch.from_numpy(image.astype(np.float32))[None].to(self._device), *self._context)
             depth_mm: NDArray[np.float32] = output.depth_mm[0].float().cpu().numpy()
             valid: NDArray[np.bool_] = self.valid(output)[0].cpu().numpy()
-            confidence = self.confidence(output)
-        return DepthEstimate(
-            depth_mm=depth_mm, valid=valid, confidence=None if confidence is None else confidence[0].float().cpu().numpy()
-        )
+            confidence, slip = (_in_numpy(values) for values in (self.confidence(output), self.slip(output)))
+        return DepthEstimate(depth_mm=depth_mm, valid=valid, confidence=confidence, slip=slip)
 
     @abstractmethod
     def valid(self, output: Any) -> Tensor:
@@ -79,9 +77,13 @@ class NetworkEstimator(ABC):
         """Return the probability of being within 1 mm, (B, height, width); None where the network does not say."""
         return None
 
+    def slip(self, output: Any) -> Tensor | None:  # noqa: ARG002 - for networks that know it
+        """Return the probability of a slip, (B, height, width); None where the network does not say."""
+        return None
+
 
 class PhaseNetworkEstimator(NetworkEstimator):
-    """Marks valid what lies in the working range and is hardly a slip; gives a confidence."""
+    """Marks valid what lies in the working range and is hardly a slip; gives a confidence and the probability of a slip."""
 
     def __init__(
         self,
@@ -117,6 +119,11 @@ class PhaseNetworkEstimator(NetworkEstimator):
         """Return the probability of being within 1 mm."""
         confidence: Tensor = output.confidence
         return confidence
+
+    def slip(self, output: Any) -> Tensor:
+        """Return the probability of a slip."""
+        slip: Tensor = output.slip
+        return slip
 
 
 class MaskEstimator(NetworkEstimator):
@@ -158,3 +165,11 @@ class RangeEstimator(NetworkEstimator):
         """Return where the depth lies in the range."""
         inside: Tensor = (output.depth_mm >= self._range_mm[0]) & (output.depth_mm <= self._range_mm[1])
         return inside
+
+
+def _in_numpy(values: Tensor | None) -> NDArray[np.float32] | None:
+    """Return the first of a batch as an array (height, width)."""
+    if values is None:
+        return None
+    array: NDArray[np.float32] = values[0].float().cpu().numpy()
+    return array

@@ -1,6 +1,7 @@
 """The contract of every depth network."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, ClassVar
 
 import torch
@@ -39,7 +40,7 @@ class PhaseOutput:
     within_logit: Tensor
     """Logarithm of the odds that a depth that is no slip is within 1 mm of the true one."""
 
-    @property
+    @cached_property
     def slip(self) -> Tensor:
         """Probability that the depth is a slip."""
         return torch.sigmoid(self.slip_logit)

@@ -13,6 +13,7 @@ from laploop.perception.bootstrap import UNKNOWN, Bounded
 from laploop.perception.messages import DepthEstimate
 from laploop.perception.metrics import DepthMetrics, MetricsInterval
 from laploop.perception.reliability import TENTHS, CalibrationBin
+from laploop.perception.slip_calibration import SLIP_EDGES, SlipCalibration
 
 AGAINST = {
     "zivid": "the reference camera's reprojected depth, over all pixels of its validity mask",
@@ -110,6 +111,8 @@ class ReliabilityRow:
     """Mean absolute error of the most confident pixels at `COVERAGES`."""
     tenths: tuple[CalibrationBin, ...]
     """Predicted and seen rate within 1 mm by tenths of the confidence."""
+    slips: SlipCalibration | None = None
+    """Predicted and seen slips, of models that foresee them."""
 
     def flat(self) -> dict[str, object]:
         """Return the row as JSON has it; `_low` and `_high` are the ends of the 95 % interval, what is unknown is None."""
@@ -121,9 +124,8 @@ class ReliabilityRow:
             **_flat_bounded("calibration_error", self.calibration_error),
             "coverage": COVERAGES.tolist(),
             "risk_mm": [_known(risk) for risk in self.risk_mm],
-            "tenths": [
-                {"pixels": part.pixels, "predicted": _known(part.predicted), "seen": _known(part.seen)} for part in self.tenths
-            ],
+            "tenths": [_flat_bin(part) for part in self.tenths],
+            "slips": None if self.slips is None else _flat_slips(self.slips),
         }
 
 
@@ -233,6 +235,19 @@ def _with_interval(prefix: str, metrics: DepthMetrics, interval: MetricsInterval
         line[f"{prefix}{name}_low"] = getattr(interval.low, name)
         line[f"{prefix}{name}_high"] = getattr(interval.high, name)
     return line
+
+
+def _flat_bin(part: CalibrationBin) -> dict[str, object]:
+    return {"pixels": part.pixels, "predicted": _known(part.predicted), "seen": _known(part.seen)}
+
+
+def _flat_slips(slips: SlipCalibration) -> dict[str, object]:
+    return {
+        "edges": list(SLIP_EDGES),
+        "bins": [_flat_bin(part) for part in slips.bins],
+        "all": _flat_bin(slips.every) | _flat_bounded("seen", slips.every_seen),
+        "valid": _flat_bin(slips.valid) | _flat_bounded("seen", slips.valid_seen),
+    }
 
 
 def _flat_bounded(name: str, measure: Bounded) -> dict[str, object]:

@@ -3,11 +3,14 @@
 import json
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from laploop.perception.bootstrap import Bounded
 from laploop.perception.metrics import DepthMetrics, MetricsInterval
+from laploop.perception.reliability import CalibrationBin
+from laploop.perception.slip_calibration import SLIP_EDGES, SlipCalibration
 from laploop.studies.csv_text import csv_text
 from laploop.studies.depth.table import AGAINST, DepthRow, DepthTable, ReliabilityRow
 from laploop.whole_file import whole_file
@@ -142,7 +145,28 @@ def _reliability_text(rows: Sequence[ReliabilityRow]) -> str:
         cells = [_bounded(row.aurc_mm, ".3f"), _bounded(row.calibration_error, ".3f")]
         cells += ["-" if math.isnan(risk) else f"{risk:.3f}" for risk in (row.risk_mm[place] for place in (0, 4, 9))]
         lines.append(f"| {row.model} | {row.against} | {row.family} | {' | '.join(cells)} |")
+    text = "\n".join(lines) + "\n"
+    if foreseen := [(row, row.slips) for row in rows if row.slips is not None]:
+        text += "\n" + _slips_table(foreseen)
+    return text
+
+
+def _slips_table(rows: Sequence[tuple[ReliabilityRow, SlipCalibration]]) -> str:
+    bins = " | ".join(f"{1e3 * low:g}-{1e3 * high:g}" for low, high in pairwise(SLIP_EDGES))
+    lines = [
+        "Predicted and seen slips per 1000 pixels: of all whose depth is known, of those marked valid, and by the predicted",
+        "number.\n",
+        f"| model | against | family | all | marked valid | {bins} |",
+        "|" + "---|" * (4 + len(SLIP_EDGES)),
+    ]
+    for row, slips in rows:
+        cells = (_per_1000(part) for part in (slips.every, slips.valid, *slips.bins))
+        lines.append(f"| {row.model} | {row.against} | {row.family} | {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
+
+
+def _per_1000(part: CalibrationBin) -> str:
+    return f"{1e3 * part.predicted:.1f} / {1e3 * part.seen:.1f}" if part.pixels else "-"
 
 
 def _bins_table(rows: Sequence[DepthRow]) -> str:

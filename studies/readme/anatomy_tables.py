@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,9 @@ from laploop.studies.readme.results_tables import shown
 
 _MODELS = ("phase", "compact", "ssle-phase")
 """Of the tables of anatomy, in their order."""
+
+_ORGAN_ERRORS = {"track": "normal_rms_mm", "scan": "standoff_rms_mm"}
+"""What counts as a task's error on organs; the final one elsewhere."""
 
 _SAME_PIXELS = "Where `phase` is valid, all estimators are measured on the same pixels, whatever they mark."
 
@@ -69,24 +73,54 @@ def confidence_table(known: Mapping[str, Any], held_out: Mapping[str, Any]) -> s
     return "\n".join(lines)
 
 
+def slip_table(known: Mapping[str, Any], held_out: Mapping[str, Any]) -> str | None:
+    """Return predicted and seen slips of two evaluations, over all families; None where neither tells them."""
+    rows = [
+        (kind, row["model"], row["slips"])
+        for kind, summary in _sets(known, held_out)
+        for row in summary.get("reliability", ())
+        if row["against"] == "exact" and row.get("family", "all") == "all" and row.get("slips") is not None
+    ]
+    if not rows:
+        return None
+    edges = [f"{1e3 * edge:g}" for edge in rows[0][2]["edges"]]
+    heads = ["estimator", "set", "all pixels", "valid pixels", *(f"{low}-{high}" for low, high in pairwise(edges))]
+    lines = [
+        "Predicted and seen slips, per 1000 pixels: depth more than a tenth off, or of a pixel whose true depth is not 60 to",
+        "140 mm; over all pixels of known depth, over those marked valid, and by the number that is predicted. In brackets the",
+        "95 % interval over scenes of what is seen.",
+        "",
+        f"| {' | '.join(heads)} |",
+        "|" + "---|" * len(heads),
+    ]
+    for name in _MODELS:
+        for kind, slips in ((kind, slips) for kind, model, slips in rows if model == name):
+            cells = [_foreseen(part) for part in (slips["all"], slips["valid"], *slips["bins"])]
+            lines.append(f"| {shown(name)} | {kind} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def organs_table(summaries: Sequence[Mapping[str, Any]]) -> str:
     """Return the table of the closed loop on organs, from summaries of `laploop trials --phantom`."""
     lines = [
-        "The closed loop with `compact` on organs that breathe, bodies of closed meshes. Of a reach, the distance from an",
-        "ideal touch at its end, of track, the RMS error along the normal: mean and worst episode. Force is the worst of all",
-        "physics steps of all episodes.",
+        "The closed loop with `compact` on organs, bodies of closed meshes, which breathe but for the scan. Of a reach, the",
+        "distance from an ideal touch at its end, of track, the RMS error along the normal, of a scan, that of the stand-off:",
+        "mean and worst episode. Force is the worst of all physics steps of all episodes. A scan follows a line of 60 mm where",
+        "the organ has room for it, of 30 mm or more elsewhere: its mean length.",
         "",
-        "| organ | task | episodes | success (95 %) | error mean | error worst | force worst |",
-        "|---|---|---|---|---|---|---|",
+        "| organ | task | episodes | success (95 %) | error mean | error worst | force worst | line |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for summary in summaries:
         organ = Path(summary["config"]["episode"]["task"]["loop"]["theatre"]["tissue"]["mesh"]).stem
-        error = summary["metrics"]["normal_rms_mm"] if summary["task"] == "track" else summary["final_error_mm"]
+        metrics, name = summary["metrics"], _ORGAN_ERRORS.get(summary["task"])
+        error = summary["final_error_mm"] if name is None else metrics[name]
+        line = f"{metrics['path_length_mm']['mean']:.0f} mm" if "path_length_mm" in metrics else ""
         low, high = summary["success_interval_95"]
         lines.append(
             f"| {organ} | {summary['task']} | {summary['episodes']} | {100 * summary['success_rate']:.0f} % "
             f"({100 * low:.0f}-{100 * high:.0f}) | {error['mean']:.2f} mm | {error['max']:.2f} mm | "
-            f"{summary['contact_force_n']['max']:.2f} N |"
+            f"{summary['contact_force_n']['max']:.2f} N | {line} |"
         )
     return "\n".join(lines)
 
@@ -161,6 +195,14 @@ def _confidence_cells(row: Mapping[str, Any]) -> list[str]:
         *("" if predicted is None else f"{100 * predicted:.0f} / {100 * seen:.0f} %" for predicted, seen in pairs),
         f"{100 * max(abs(predicted - seen) for predicted, seen in known):.1f} %",
     ]
+
+
+def _foreseen(part: Mapping[str, Any]) -> str:
+    if part["predicted"] is None:
+        return ""
+    low, high = (part.get(f"seen_{end}") for end in ("low", "high"))
+    ends = "" if low is None or high is None else f" ({1e3 * low:.1f} to {1e3 * high:.1f})"
+    return f"{1e3 * part['predicted']:.1f} / {1e3 * part['seen']:.1f}{ends}"
 
 
 def _with_ends(row: Mapping[str, Any], name: str, scale: float, digits: str, unit: str) -> str:

@@ -42,17 +42,19 @@ def test_depth_frame_needs_an_estimate():
     assert FRAMES["depth"].age_ns(5_000) == 4_000
 
 
-def test_confidence_is_optional_and_from_0_to_1():
+@pytest.mark.parametrize("name", ["confidence", "slip"])
+def test_confidence_and_slip_are_optional_and_from_0_to_1(name):
     depth, valid = np.full((2, 3), 90.0, np.float32), np.ones((2, 3), bool)
-    assert DepthEstimate(depth_mm=depth, valid=valid).confidence is None
+    assert getattr(DepthEstimate(depth_mm=depth, valid=valid), name) is None
     good = np.linspace(0.0, 1.0, 6, dtype=np.float32).reshape(2, 3)
-    assert DepthEstimate(depth_mm=depth, valid=valid, confidence=good).confidence is good
+    assert getattr(DepthEstimate(depth_mm=depth, valid=valid, **{name: good}), name) is good
     for bad, message in (
         (good.astype(np.float64), "an array of float32"),
         (good[:1], r"shape \(2, 3\)"),
         (2.0 * good, "0 to 1 at every pixel"),
-        (np.where(good > 0.5, np.float32(np.nan), good), "confidence is nan"),
-        (0.5, "confidence is 'float'"),
+        (good - np.float32(0.1), f"{name} is -0.1"),
+        (np.where(good > 0.5, np.float32(np.nan), good), f"{name} is nan"),
+        (0.5, f"{name} is 'float'"),
     ):
         with pytest.raises(InvalidValueError, match=message):
-            DepthEstimate(depth_mm=depth, valid=valid, confidence=bad)
+            DepthEstimate(depth_mm=depth, valid=valid, **{name: bad})

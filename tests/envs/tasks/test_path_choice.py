@@ -94,6 +94,48 @@ def test_where_no_path_fits_the_error_says_so():
         choose_path_pixels(view(90.0, np.zeros(SIZE, bool)), CAMERA, TROCAR, np.random.default_rng(0), PathChoiceConfig())
 
 
+def strip_of(length_mm, width_mm=8.0):
+    """Light a strip of a plane at 90 mm, along the image's rows, in the middle of the view."""
+    half = 0.5 * CAMERA.fx / 90.0 * np.array([width_mm, length_mm])
+    rows, columns = np.mgrid[: SIZE[0], : SIZE[1]] + 0.5
+    return (np.abs(rows - CAMERA.cy) < half[0]) & (np.abs(columns - CAMERA.cx) < half[1])
+
+
+def test_where_no_whole_line_fits_the_longest_is_led_from_end_to_end():
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        path = choose_path_pixels(view(90.0, strip_of(45.0)), CAMERA, TROCAR, rng, PathChoiceConfig())
+        assert path.shape == (31, 2)
+        along_mm = np.linalg.norm(np.diff(path, axis=0), axis=1).sum() * 90.0 / CAMERA.fx
+        # A step of 2 mm may be missing at either end, and a walk across the strip adds a little.
+        assert 41.0 < along_mm < 49.0
+        heading = np.unwrap(np.arctan2(*np.diff(path, axis=0).T[::-1]))
+        assert np.abs(np.diff(heading)).max() < PathChoiceConfig().max_turn_rad + 0.02  # where the two walks meet, too
+
+
+def test_a_line_ends_where_the_shaft_would_touch():
+    # From 25 mm right of the axis on, unlit tissue beside the strip is 12 mm higher: in the way of a shaft from the right.
+    lit = strip_of(55.0)
+    depth = np.where((CAMERA.rays[..., 0] * 90.0 > 25.0) & ~lit, 78.0, 90.0)
+    path = choose_path_pixels(view(depth, lit), CAMERA, TROCAR, np.random.default_rng(0), PathChoiceConfig())
+    whole = choose_path_pixels(view(90.0, lit), CAMERA, TROCAR, np.random.default_rng(0), PathChoiceConfig())
+    assert path[:, 0].max() < whole[:, 0].max() - 2.0
+
+
+@pytest.mark.parametrize(("length_mm", "min_share"), [(25.0, 0.5), (45.0, 1.0)])
+def test_a_line_is_not_shorter_than_its_least_share(length_mm, min_share):
+    with pytest.raises(SimulationError, match=f"no line of 60 mm .* nor one of {60 * min_share:.0f} mm"):
+        choose_path_pixels(
+            view(90.0, strip_of(length_mm)), CAMERA, TROCAR, np.random.default_rng(0), PathChoiceConfig(min_share=min_share)
+        )
+
+
+def test_a_path_keeps_off_the_near_end_of_the_working_range():
+    with pytest.raises(SimulationError, match="0 pixels"):
+        choose_path_pixels(view(61.5), CAMERA, TROCAR, np.random.default_rng(0), PathChoiceConfig())
+    choose_path_pixels(view(62.5), CAMERA, TROCAR, np.random.default_rng(0), PathChoiceConfig())
+
+
 def test_even_spacing_counts_length_on_the_surface():
     # A step of 10 mm in depth in the middle of the image is part of the way.
     depth_m = np.full(SIZE, 0.09)
@@ -105,7 +147,9 @@ def test_even_spacing_counts_length_on_the_surface():
     np.testing.assert_allclose(np.interp(even[:, 0], path[:, 0], along), np.linspace(0.0, along[-1], 20), atol=1e-9)
 
 
-@pytest.mark.parametrize("changes", [{"length_m": 1.0}, {"spacing_m": 0.02}, {"max_turn_rad": 2.0}, {"candidates": 0}])
+@pytest.mark.parametrize(
+    "changes", [{"length_m": 1.0}, {"spacing_m": 0.02}, {"max_turn_rad": 2.0}, {"candidates": 0}, {"min_share": 0.0}]
+)
 def test_impossible_paths_are_refused(changes):
     with pytest.raises(InvalidValueError, match=next(iter(changes))):
         PathChoiceConfig(**changes)

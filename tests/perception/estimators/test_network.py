@@ -50,6 +50,12 @@ def test_estimator_of_a_file_says_what_the_network_says(name, small_rig, tiny, i
         "mask_logit": lambda: output.mask_logit[0] > 0.0,
         "latent": lambda: (output.depth_mm[0] >= 60.0) & (output.depth_mm[0] <= 140.0),
     }
+    if hasattr(output, "slip_logit"):
+        # A tenth: bfloat16 has 8 bits, and random weights make odds of any size.
+        np.testing.assert_allclose(estimate.slip, torch.sigmoid(output.slip_logit)[0].numpy(), atol=0.1)
+        assert (estimate.slip[estimate.valid] <= np.float32(0.05)).all()
+    else:
+        assert estimate.slip is None
     expected = next(rule() for field, rule in valid.items() if field in type(output).__dataclass_fields__)
     assert (estimate.valid == expected.numpy()).mean() > 0.999  # rounding may move a pixel across the border
 

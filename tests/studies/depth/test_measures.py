@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ BARE = DepthEvaluation(floor_rows=())
 
 
 class Stepwise:
-    """Sees 100 mm everywhere; sure of the left half, where it marks valid, and half sure of the right."""
+    """Sees 100 mm everywhere; sure of the left half, where it marks valid, and half sure of the right: a slip or not, to it."""
 
     def __init__(self, rig):
         self.left = np.zeros(SIZE, bool)
@@ -26,7 +27,8 @@ class Stepwise:
 
     def estimate(self, image):
         confidence = np.where(self.left, np.float32(0.95), np.float32(0.45))
-        return DepthEstimate(depth_mm=np.full(SIZE, 100.0, np.float32), valid=self.left, confidence=confidence)
+        slip = np.where(self.left, np.float32(0.02), np.float32(0.5))
+        return DepthEstimate(depth_mm=np.full(SIZE, 100.0, np.float32), valid=self.left, confidence=confidence, slip=slip)
 
 
 @pytest.fixture
@@ -122,6 +124,30 @@ def test_confidence_is_measured_where_there_is_one(dataset, stepwise, tmp_path):
     assert (row["calibration_error_low"], row["calibration_error_high"]) == pytest.approx(errors, abs=1e-6)
     assert json.loads((tmp_path / "depth.json").read_text())["reliability"] == table.reliability_rows()
     assert "## Confidence" in (tmp_path / "depth.md").read_text()
+
+
+def test_slips_that_are_foreseen_are_compared_with_those_seen_at_any_depth(dataset, stepwise, tmp_path):
+    table = evaluate_depth(dataset, [stepwise, "oracle"], tmp_path, progress=False, config=BARE)
+    (row,) = table.reliability_rows()
+    left, corner = 2 * 64 * 32, 2 * 64
+    # The corners lie at 150 mm, and so does the right half of the second tissue.
+    assert row["slips"]["valid"] == pytest.approx(
+        {"pixels": left, "predicted": 0.02, "seen": corner / left, "seen_low": corner / left, "seen_high": corner / left}
+    )
+    whole = row["slips"]["all"]
+    assert (whole["pixels"], whole["predicted"]) == (2 * left, pytest.approx(0.26))
+    ends = (64 / 4096, (64 + 2048) / 4096)
+    assert (whole["seen"], whole["seen_low"], whole["seen_high"]) == pytest.approx((sum(ends) / 2.0, *ends))
+    assert [part["pixels"] for part in row["slips"]["bins"]] == [0, 0, left, 0, left, 0]
+    assert row["slips"]["bins"][4]["seen"] == pytest.approx(0.5)
+    assert "Predicted and seen slips" in (tmp_path / "depth.md").read_text()
+
+
+def test_of_a_confidence_alone_no_slips_are_told(dataset, stepwise, monkeypatch):
+    seen = Stepwise.estimate
+    monkeypatch.setattr(Stepwise, "estimate", lambda self, image: replace(seen(self, image), slip=None))
+    (row,) = evaluate_depth(dataset, [stepwise], progress=False, config=BARE).reliability_rows()
+    assert row["slips"] is None
 
 
 def test_families_have_lines_where_there_are_several(dataset, stepwise, tmp_path, monkeypatch):

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from laploop.studies.readme.anatomy_tables import anatomy_table, confidence_table
+from laploop.studies.readme.anatomy_tables import anatomy_table, confidence_table, slip_table
 
 
 def row_of(model, **further):
@@ -76,6 +76,27 @@ def test_confidence_of_a_file_without_families_and_intervals_is_shown_without_th
     assert "intervals" not in table
 
 
+def slips(model, **further):
+    none, some = ({"pixels": pixels, "predicted": rate, "seen": rate} for pixels, rate in ((0, None), (9, 0.002)))
+    valid = {"pixels": 9, "predicted": 0.008, "seen": 0.0072, "seen_low": 0.0045, "seen_high": 0.01}
+    found = {"edges": [0.0, 0.003, 1.0], "bins": [some, none], "all": some, "valid": valid}
+    return reliability(model, slips=found, **further)
+
+
+def test_slips_have_a_line_a_model_and_set_per_thousand():
+    rows = [slips("compact", family="all"), slips("compact", family="lobes")]
+    table = slip_table(summary_of(reliability=rows), summary_of(reliability=[slips("compact", family="all")]))
+    assert "| estimator | set | all pixels | valid pixels | 0-3 | 3-1000 |" in table
+    assert lines_of(table, "compact") == [
+        f"| `compact` | {kind} | 2.0 / 2.0 | 8.0 / 7.2 (4.5 to 10.0) | 2.0 / 2.0 |  |" for kind in ("known", "held out")
+    ]
+
+
+@pytest.mark.parametrize("further", [{}, {"reliability": [reliability("compact")]}])
+def test_there_is_no_table_of_slips_that_nobody_told(further):
+    assert slip_table(summary_of(**further), summary_of(**further)) is None
+
+
 def committed_held_out():
     return json.loads((Path(__file__).parents[3] / "docs" / "results" / "depth-held-out.json").read_text())
 
@@ -84,6 +105,15 @@ def committed_held_out():
 def test_confidence_is_right_within_five_points_on_held_out_families(model):
     (row,) = (row for row in committed_held_out()["reliability"] if (row["model"], row["family"]) == (model, "all"))
     assert all(abs(part["predicted"] - part["seen"]) < 0.05 for part in row["tenths"])
+
+
+@pytest.mark.parametrize("model", ["compact", "ssle-phase"])
+def test_slips_on_held_out_families_are_foreseen_as_often_as_they_are_seen(model):
+    (row,) = (row for row in committed_held_out()["reliability"] if (row["model"], row["family"]) == (model, "all"))
+    found = row["slips"]
+    assert found["all"]["predicted"] == pytest.approx(found["all"]["seen"], rel=0.05)
+    # Of valid pixels slips are rare and in few scenes: the interval over these holds what is predicted.
+    assert found["valid"]["seen_low"] < found["valid"]["predicted"] < found["valid"]["seen_high"]
 
 
 @pytest.mark.parametrize("model", ["compact", "ssle-phase"])

@@ -174,11 +174,14 @@ def test_sections_appear_with_their_files(tmp_path):
         assert block.count(begin) == 1
 
 
-def test_organs_table_takes_the_error_along_the_normal_of_track_and_the_final_one_of_reach():
+def test_organs_table_takes_each_tasks_own_error():
     config = {"episode": {"task": {"loop": {"theatre": {"tissue": {"mesh": "runs/lobes.stl"}}}}}}
     common = {"config": config, "episodes": 10, "success_rate": 1.0, "success_interval_95": [0.72, 1.0]}
     common |= {"contact_force_n": {"max": 0.2}, "final_error_mm": {"mean": 0.1, "max": 0.3}}
     track = {**common, "task": "track", "metrics": {"normal_rms_mm": {"mean": 0.4, "max": 0.6}}}
-    lines = organs_table([{**common, "task": "reach", "metrics": {}}, track]).splitlines()[-2:]
-    assert lines[0] == "| lobes | reach | 10 | 100 % (72-100) | 0.10 mm | 0.30 mm | 0.20 N |"
-    assert lines[1] == "| lobes | track | 10 | 100 % (72-100) | 0.40 mm | 0.60 mm | 0.20 N |"
+    metrics = {"standoff_rms_mm": {"mean": 0.15, "max": 0.25}, "path_length_mm": {"mean": 38.4, "max": 39.0}}
+    scan = {**common, "task": "scan", "metrics": metrics}
+    lines = organs_table([{**common, "task": "reach", "metrics": {}}, track, scan]).splitlines()[-3:]
+    assert lines[0] == "| lobes | reach | 10 | 100 % (72-100) | 0.10 mm | 0.30 mm | 0.20 N |  |"
+    assert lines[1] == "| lobes | track | 10 | 100 % (72-100) | 0.40 mm | 0.60 mm | 0.20 N |  |"
+    assert lines[2] == "| lobes | scan | 10 | 100 % (72-100) | 0.15 mm | 0.25 mm | 0.20 N | 38 mm |"
