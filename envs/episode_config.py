@@ -16,6 +16,8 @@ from laploop.envs.fidelity import FidelityName, with_fidelity
 from laploop.envs.loop.timing.config import TimingConfig
 from laploop.envs.loop.timing.latency import ConstantLatency, TraceLatency
 from laploop.envs.sensors.optics.presets import PresetName, optics_preset
+from laploop.envs.sensors.optics.stripe_optics import StripeOptics
+from laploop.envs.sensors.optics.tissue_classes import TissueClassName, tissue_material
 from laploop.envs.tasks.registry import TASKS, default_config, task_spec
 from laploop.envs.tasks.task_config import TaskConfig
 from laploop.envs.theatre.actuation import ActuationConfig, ActuationName
@@ -174,6 +176,9 @@ class EpisodeOptions:
     latest rate), rhythms (learns breathing and heartbeat), or module:Class. By default rate for reach, rhythms otherwise."""
     optics: PresetName | None = None
     """Light, surfaces and sensor: paper (the laparoscope that the simulator follows; the default), ideal, worst."""
+    tissue_class: TissueClassName | None = None
+    """How bright the tissue is and how it spreads light: bowel, stomach, liver, fat. By default as bright as bowel, with a
+    Gaussian spot; the LED's power stays as it is."""
     motion: MotionName | None = None
     """How the tissue moves: still, breathing (10 mm, 0.25 Hz), beating (1 mm, 1.2 Hz), or both. By default the task's own: both
     for track, breathing for look, still for the others."""
@@ -240,7 +245,7 @@ class EpisodeOptions:
         loop = _with(
             loop,
             theatre=theatre,
-            optics=None if self.optics is None else optics_preset(self.optics),
+            optics=self._optics(loop.optics),
             timing=self._timing(loop.timing),
         )
         task = _with(task, loop=loop, max_seconds=self.seconds, success_hold_s=self.hold_s)
@@ -253,6 +258,13 @@ class EpisodeOptions:
             predictor=None if self.prediction is None else PredictorConfig(name=self.prediction),
             task=task if self.fidelity is None else with_fidelity(task, self.fidelity),
         )
+
+    def _optics(self, optics: StripeOptics) -> StripeOptics:
+        chosen = optics if self.optics is None else optics_preset(self.optics)
+        if self.tissue_class is None:
+            return chosen
+        tissue = tissue_material(self.tissue_class, surface=chosen.tissue, wavelength_m=chosen.wavelength_m)
+        return replace(chosen, tissue=tissue)
 
     def _timing(self, timing: TimingConfig) -> TimingConfig:
         if None not in {self.latency_trace, self.perception_latency_ms}:

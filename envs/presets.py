@@ -6,12 +6,19 @@ from dataclasses import dataclass
 from laploop.envs.timing_presets import TIMINGS, timing_preset
 
 _OURS = "no measurement: for comparison"
+_SCATTERING = "Jacques (Phys Med Biol 2013;58:R37), table 1"
 
 SOURCES: Mapping[str, Mapping[str, str]] = {
     "optics": {
         "ideal": f"little but geometry shapes the image; {_OURS}",
         "paper": "the laparoscope that the simulator follows, with the contrast measured on it",
         "worst": "the pessimistic ends of what is known of light, sensor and tissue",
+    },
+    "tissue-class": {
+        "bowel": f"mu_s' of bowel, albedo 0.4 as of serosa; {_SCATTERING}",
+        "stomach": f"mu_s' of the stomach's wall, albedo 0.4 as of serosa; {_SCATTERING}",
+        "liver": f"mu_s' of liver, albedo 0.1; {_SCATTERING}",
+        "fat": f"mu_s' of adipose tissue, albedo 0.6; {_SCATTERING}",
     },
     "fidelity": {
         "full": "physics steps of 2 ms; the reference",

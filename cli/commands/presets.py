@@ -11,7 +11,10 @@ from laploop.envs.presets import presets
 
 @dataclass(frozen=True, kw_only=True)
 class PresetsArguments:
-    """List the names that --timing, --optics, --fidelity, --actuation, --trocar and --motion take, with their sources."""
+    """List the names that --timing, --optics, --tissue-class, --fidelity, --actuation, --trocar and --motion take.
+
+    Each comes with its source.
+    """
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -11,6 +12,7 @@ from laploop.envs.loop.timing.config import TimingConfig
 from laploop.envs.loop.timing.latency import ConstantLatency, LognormalLatency
 from laploop.envs.presets import SOURCES, presets
 from laploop.envs.sensors.optics.presets import PRESETS
+from laploop.envs.sensors.optics.tissue_classes import TISSUE_CLASSES, TissueClassName
 from laploop.envs.theatre.actuation import ActuationName
 from laploop.envs.theatre.organ_motion import MotionName
 from laploop.envs.theatre.trocar import TrocarName
@@ -79,6 +81,7 @@ def test_an_unknown_timing_is_refused_and_one_of_a_users_own_taken():
 def test_every_name_that_an_option_takes_is_listed_with_one_line_of_source():
     names = {
         "optics": tuple(PRESETS),
+        "tissue-class": get_args(TissueClassName),
         "fidelity": get_args(FidelityName),
         "actuation": get_args(ActuationName),
         "trocar": get_args(TrocarName),
@@ -88,6 +91,14 @@ def test_every_name_that_an_option_takes_is_listed_with_one_line_of_source():
     listed = list(presets())
     assert len(listed) == 28 + sum(map(len, names.values()))
     assert all(10 < len(preset.source) < 110 and "\n" not in preset.source for preset in listed)
+
+
+def test_a_tissue_class_changes_what_the_beam_meets():
+    assert get_args(TissueClassName) == tuple(TISSUE_CLASSES)
+    usual, liver = (EpisodeConfig.of(optics="worst", tissue_class=name).task.loop.optics for name in (None, "liver"))
+    assert (liver.tissue.albedo, liver.tissue.subsurface.profile) == (pytest.approx(0.1), "dipole")
+    # Gloss and all else stay those of the optics.
+    assert replace(liver, tissue=replace(liver.tissue, albedo=0.3, subsurface=usual.tissue.subsurface)) == usual
 
 
 def test_an_episode_of_the_papers_timing_runs_at_its_rates(task_env):

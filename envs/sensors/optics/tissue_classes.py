@@ -1,6 +1,7 @@
 """Organs as the beam meets them: how bright they are and how they spread light, by published measurements."""
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from laploop.assets.ranges import Span
 from laploop.envs.sensors.optics.stripe_optics import TISSUE, Material, StripeOptics
@@ -8,6 +9,8 @@ from laploop.envs.sensors.optics.subsurface import Subsurface, absorption_of
 from laploop.errors import InvalidValueError, UnknownNameError
 
 _REFERENCE_M = 500e-9
+
+TissueClassName = Literal["bowel", "stomach", "liver", "fat"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from laploop.envs.sensors.object_id import ObjectId
+from laploop.envs.sensors.stripe_camera import StripeCamera
+from laploop.envs.sensors.tracing.scene_geometry import SceneGeometry
 from laploop.perception.estimators import make_estimator
 from laploop.perception.network_specs import SHIPPED
 
@@ -58,18 +61,29 @@ def test_black_image_has_no_valid_pixel(compact):
     assert np.isfinite(estimate.depth_mm).all()
 
 
+@pytest.fixture(scope="module")
+def planes(rig):
+    """Images of facing tissue, by distance in millimetres, under the nominal light, from which these networks learn as well."""
+    camera = StripeCamera(rig, threads=1)
+    images = {}
+    for distance in (75, 90, 110):
+        corners = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
+        points = np.column_stack([corners, np.full(4, 1e-3 * distance)])
+        camera.attach_geometry(
+            SceneGeometry(points=points, triangles=np.array([[0, 1, 2], [0, 2, 3]]), object_ids=int(ObjectId.TISSUE))
+        )
+        images[distance] = camera.capture(None, np.eye(4), np.random.default_rng(distance)).image
+    camera.close()
+    return images
+
+
 @pytest.mark.parametrize("name", ["ssle", "dual-unet"])
-def test_nearer_and_farther_planes_are_told_apart(rig, render, name):
+def test_planes_are_found_by_networks_that_know_one_rig(rig, planes, name):
     estimator = make_estimator(name, rig)
-    rng, medians = np.random.default_rng(0), []
-    for depth_m in (0.075, 0.09, 0.11):
-        # As bright as the lamp makes it, from which these networks learn as well.
-        image = render(rig, np.full((256, 256), depth_m), rng=rng, blur_periods=0.3, albedo=0.8 * (0.075 / depth_m) ** 2)
-        estimate = estimator.estimate(image)
-        medians.append(float(np.median(estimate.depth_mm[estimate.valid])))
-    assert np.all(np.diff(medians) > 3.0)  # mm
-    # The picture is simpler than those that they have learned from, so that more than on the test tissues is allowed.
-    assert np.abs(np.subtract(medians, [75.0, 90.0, 110.0])).max() < 20.0
+    estimates = {distance: estimator.estimate(image) for distance, image in planes.items()}
+    medians = {distance: float(np.median(one.depth_mm[one.valid])) for distance, one in estimates.items()}
+    # They have learned folds, never a plane; ssle is the worst at 110 mm, by 7 mm.
+    assert all(abs(median - distance) < 8.0 for distance, median in medians.items())
 
 
 def test_every_network_is_a_row_of_the_docs():
