@@ -58,6 +58,11 @@ class Intrinsics:
         grid_x, grid_y = np.meshgrid(x, y)
         return np.stack([grid_x, grid_y, np.ones_like(grid_x)], axis=-1)
 
+    @cached_property
+    def axis_tangents(self) -> Array:
+        """Tangents of the angles between the rays and the optical axis, (height, width)."""
+        return np.asarray(np.linalg.norm(self.rays[..., :2], axis=-1))
+
     def project(self, points_in_camera: Array) -> Array:
         """Project points (..., 3) in metres to pixels (..., 2); z must be positive."""
         z = points_in_camera[..., 2]

@@ -339,8 +339,11 @@ class ClosedLoop(SavableLoop):
                 view=self._renderer.take(self.theatre.data, true_pose),
                 time_stamp_offset_ns=self.timing.time_stamp_offset_ns,
             )
-            # The first frame is always looked at; where its image will be needed, too, that comes at the same price.
-            if self._images_ahead or (self.first_captured is None and self._running_server().begins_images):
+            # The first frame is always looked at: its geometry at once, and then its image, where that will be needed too.
+            first = self.first_captured is None
+            if self._images_ahead or (first and self._running_server().begins_images):
+                if first and not captured.view.whole.begun:
+                    captured.view.only_geometry.begin()
                 captured.view.whole.begin()
         self.timer.complete("capture")
         self.frame_count += 1

@@ -25,8 +25,8 @@ class FrameView:
 
     @property
     def geometry(self) -> Pending[ExactView] | Pending[StripeCapture]:
-        """The exact geometry, from a whole capture where one is under way."""
-        return self.whole if self.whole.begun else self.only_geometry
+        """The exact geometry, from a whole capture where that is what is under way."""
+        return self.whole if self.whole.begun and not self.only_geometry.begun else self.only_geometry
 
     @property
     def depth(self) -> Pending[DepthView] | Pending[ExactView] | Pending[StripeCapture]:

@@ -42,6 +42,8 @@ class RayCamera:
         self._runner = StripRunner(self._device, threads)
         self._tracer = ViewTracer(rig, self._device, self._runner)
         self._scene: RayScene | None = None
+        self._traced: SceneSnapshot | None = None
+        """The moment whose geometry the tracer's buffers hold."""
 
     @property
     def intrinsics(self) -> Intrinsics:
@@ -72,6 +74,7 @@ class RayCamera:
         """Look at a scene of triangles from now on."""
         self._scene = RayScene(geometry, self._device)
         self._tracer.attach(self._scene)
+        self._traced = None
 
     def close(self) -> None:
         """End the threads; the camera stays usable, on one."""
@@ -100,6 +103,7 @@ class RayCamera:
     def depth_view(self, snapshot: SceneSnapshot) -> DepthView:
         """Return the exact depth at a moment of the attached scene: several times cheaper than `exact_view`."""
         scene = self._attached()
+        self._traced = None
         self._tracer.place(snapshot.world_from_camera)
         scene.move(snapshot.points)
         self._tracer.find_camera_surfaces()
@@ -109,11 +113,13 @@ class RayCamera:
         """Return the geometry at a moment of the attached scene."""
         self._find_surfaces(snapshot)
         self._runner.run(*self._tracer.trace)
+        self._traced = snapshot
         return self._tracer.read()
 
     def _find_surfaces(self, snapshot: SceneSnapshot) -> None:
         """Bring a moment to the device and find the triangle behind each pixel of the camera and the projector."""
         scene = self._attached()
+        self._traced = None
         self._tracer.place(snapshot.world_from_camera)
         scene.move(snapshot.points)
         self._tracer.find_surfaces()

@@ -45,6 +45,9 @@ class SoftShadows:
             device=device,
             record_cmd=True,
         )
+        depth, _, tangent, flags, _, _ = tracer.outputs
+        inputs = [depth, tracer.rays, tangent, flags, tracer.projector, optics.projection, self._borders]
+        self._find = tracer.record(shadow_kernels.find_penumbra, inputs, [self.visible])
 
     def mark_borders(self) -> None:
         """Find the borders of shadows on the projector's depth map; run the stages of `record` afterwards."""
@@ -54,13 +57,11 @@ class SoftShadows:
     def record(self, scene: RayScene) -> list[list[Any]]:
         """Record the launches for the scene that the tracer has been attached to; they follow those of `ViewTracer.trace`."""
         tracer, optics = self._tracer, self._optics
-        depth, normal, tangent, flags, _, _ = tracer.outputs
-        inputs = [depth, tracer.rays, tangent, flags, tracer.projector, optics.projection, self._borders]
-        stages = [tracer.record(shadow_kernels.find_penumbra, inputs, [self.visible])]
+        depth, normal, tangent, _, _, _ = tracer.outputs
         inputs = [tracer.rays, depth, normal, tangent, tracer.projector_keys, self._borders]
         inputs += [tracer.in_projector, scene.corners, scene.offsets, scene.pairs, tracer.projector, self._disk]
         inputs += [optics.table, optics.stack, optics.projection]
-        return [*stages, tracer.record(shadow_kernels.settle_penumbra, inputs, [self.visible])]
+        return [self._find, tracer.record(shadow_kernels.settle_penumbra, inputs, [self.visible])]
 
 
 def _disk_points(count: int) -> Array:

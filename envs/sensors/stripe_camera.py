@@ -64,6 +64,7 @@ class StripeCamera(RayCamera):
         self._on_device = DeviceOptics(rig, mask_columns, self._device, optics)
         self._shadows = SoftShadows(self._tracer, count, self._device, self._on_device)
         self._subsurface = SubsurfaceSpread(rig.camera, self._tracer, self._device, self._irradiance)
+        self._shade = self._record_shade()
         self._light: list[list[Any]] = []
         self._cavity = self._record_cavity()
         self._stages: list[list[list[Any]]] = []
@@ -85,6 +86,7 @@ class StripeCamera(RayCamera):
         if optics.distortion != self._distortion:
             self._rays = distorted_rays(self.rig.camera, optics.distortion)
             self._tracer.set_rays(self._rays)
+            self._traced = None
             self._distortion = optics.distortion
         self._optics = optics
         self._on_device.set(optics, self._rays)
@@ -94,7 +96,7 @@ class StripeCamera(RayCamera):
     def attach_geometry(self, geometry: SceneGeometry) -> None:
         """Look at a scene of triangles from now on."""
         super().attach_geometry(geometry)
-        self._light = self._record_light()
+        self._light = [*self._shadows.record(self._attached()), self._shade]
 
     def capture(
         self, data: mujoco.MjData | None, world_from_camera: NDArray[np.float64], rng: np.random.Generator | None
@@ -113,13 +115,17 @@ class StripeCamera(RayCamera):
 
     def render(self, snapshot: SceneSnapshot, rng: np.random.Generator | None) -> StripeCapture:
         """Take an image of the attached scene as it was at a moment; `rng` as for `capture`."""
-        self._find_surfaces(snapshot)
+        trace: list[list[Any]] = []
+        if self._traced is not snapshot:
+            self._find_surfaces(snapshot)
+            trace = self._tracer.trace
         if rng is None:
             self._noise.zero_()
         else:
             self._noise.assign(rng.standard_normal(self._noise.size, dtype=np.float32))
         self._shadows.mark_borders()
-        self._runner.run(*self._tracer.trace, *self._light)
+        self._runner.run(*trace, *self._light)
+        self._traced = snapshot
         for launch in self._cavity:
             launch.launch()
         for stage in self._stages:
@@ -135,15 +141,14 @@ class StripeCamera(RayCamera):
             self.set_optics(replace(self._optics, exposure_s=exposure_s))
         return StripeCapture(**vars(view), image=image, electrons=electrons)
 
-    def _record_light(self) -> list[list[Any]]:
-        """Record the launches that find shadows and the projector's light, for the scene that is looked at."""
+    def _record_shade(self) -> list[Any]:
+        """Record the launches that find the projector's light once its shadows are known, whatever the scene."""
         tracer, optics = self._tracer, self._on_device
         depth, normal, tangent, _, object_id, factor = tracer.outputs
         inputs = [tracer.rays, depth, tangent, self._shadows.visible, tracer.projector]
         inputs += [optics.table, optics.stack, optics.projection]
         inputs += [_flat(tracer.rays), _flat(normal), object_id, factor, optics.materials]
-        shade = tracer.record(shading_kernels.shade, inputs, [self._irradiance, self._albedo, self._gloss])
-        return [*self._shadows.record(self._attached()), shade]
+        return tracer.record(shading_kernels.shade, inputs, [self._irradiance, self._albedo, self._gloss])
 
     def _record_cavity(self) -> list[Any]:
         """Record the launches that find the cavity's irradiance: by rows, so that threads do not matter."""

@@ -62,7 +62,7 @@ def qualifying_pixels(
 ) -> NDArray[np.bool_]:
     """Return which pixels, (height, width), are fair targets, the shaft's clearance aside."""
     depth_m = view.depth_mm.astype(np.float64) * 1e-3
-    across_m = np.linalg.norm(camera.rays[..., :2], axis=-1) * depth_m
+    across_m = camera.axis_tangents * depth_m
     fits = (view.object_id == ObjectId.TISSUE) & view.lit & (across_m < config.max_radius_m)
     fits &= (depth_m >= config.min_depth_m) & (depth_m <= config.max_depth_m)
     rays, normals = camera.rays[fits], view.normals[fits].astype(np.float64)

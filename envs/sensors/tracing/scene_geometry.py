@@ -183,11 +183,7 @@ class SceneGeometry:
 
         The vertices of a pair are in the triangle's order, behind vertex i.
         """
-        order = np.argsort(self.triangles.ravel(), kind="stable")
-        offsets = np.zeros(len(self.points) + 1, dtype=np.int32)
-        np.cumsum(np.bincount(self.triangles.ravel(), minlength=len(self.points)), out=offsets[1:])
-        pairs = np.stack([np.roll(self.triangles, -1, axis=1), np.roll(self.triangles, -2, axis=1)], axis=-1)
-        return offsets, pairs.reshape(-1, 2)[order]
+        return _neighbours(self.triangles.tobytes(), len(self.points))
 
 
 def _spread(name: str, values: ArrayLike, count: int) -> NDArray[Any]:
@@ -221,6 +217,18 @@ def _geom_surface(model: mujoco.MjModel, geom: int) -> primitives.Surface:
         allowed = ", ".join(sorted(k.name for k in (*_PRIMITIVES, mujoco.mjtGeom.mjGEOM_MESH)))
         raise InvalidValueError(f"type of geom {name}", kind.name, allowed)
     return _primitive(kind, *(float(size) for size in model.geom_size[geom][: _PRIMITIVES[kind][1]]))
+
+
+@functools.lru_cache(maxsize=4)
+def _neighbours(corners: bytes, count: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return `SceneGeometry.neighbours`, read-only, of int32 corners and a number of points: episodes share their triangles."""
+    triangles = np.frombuffer(corners, dtype=np.int32).reshape(-1, 3)
+    order = np.argsort(triangles.ravel(), kind="stable")
+    offsets = np.zeros(count + 1, dtype=np.int32)
+    np.cumsum(np.bincount(triangles.ravel(), minlength=count), out=offsets[1:])
+    pairs = np.stack([np.roll(triangles, -1, axis=1), np.roll(triangles, -2, axis=1)], axis=-1).reshape(-1, 2)[order]
+    offsets.flags.writeable = pairs.flags.writeable = False
+    return offsets, pairs
 
 
 @functools.lru_cache(maxsize=256)

@@ -92,6 +92,7 @@ class ViewTracer:
         self.in_projector: Any = None
         self._pinhole = True
         self._walk: list[Any] = []
+        self._walk_inputs: list[Any] = []
         self._to_views: Any = None
         self._to_normals: Any = None
         self._rasterise_camera: list[Any] = []
@@ -134,8 +135,7 @@ class ViewTracer:
         )
         # The last entry stands for what is not hit.
         self._object_ids = np.append(scene.geometry.object_ids, np.uint8(ObjectId.BACKGROUND))
-        inputs = [scene.mesh.id, self._pose, self.rays, in_camera, scene.corners]
-        self._walk = self.record(ray_kernels.trace_keys, inputs, [self._camera_keys])
+        self._walk, self._walk_inputs = [], [scene.mesh.id, self._pose, self.rays, in_camera, scene.corners]
         inputs = [self.rays, self._camera_keys, self.projector_keys, self.projector]
         inputs += [corners, in_camera, normals, scene.albedo_factor, scene.object_ids]
         depth, _, _, flags, _, _ = self.outputs
@@ -170,6 +170,8 @@ class ViewTracer:
         """Find the triangles behind the pixels of the camera."""
         self._camera_keys.fill_(_NOTHING)
         self._to_views.launch()
+        if not self._pinhole and not self._walk:
+            self._walk = self.record(ray_kernels.trace_keys, self._walk_inputs, [self._camera_keys])
         self._runner.run(self._rasterise_camera if self._pinhole else self._walk)
 
     def find_surfaces(self) -> None:

@@ -31,7 +31,7 @@ def rig():
 @pytest.fixture
 def renders(monkeypatch):
     """Count what cameras render."""
-    counts = dict.fromkeys(("depth_view", "exact_view", "render"), 0)
+    counts = dict.fromkeys(("depth_view", "exact_view", "render", "_find_surfaces"), 0)
     for name in counts:
         original = getattr(StripeCamera, name)
 
@@ -61,13 +61,14 @@ def assert_same(one, other):
 
 @pytest.mark.parametrize(
     ("mode", "first", "each"),
-    [("state", "exact_view", None), ("depth", "exact_view", "depth_view"), ("all", "render", "render")],
+    [("state", "exact_view", None), ("depth", "exact_view", "depth_view"), ("all", "exact_view", "render")],
 )
 def test_each_mode_renders_what_it_shows_and_no_more(task_env, renders, mode, first, each):
     env = task_env("reach", observation_mode=mode)
     drive(env)
-    # The target is chosen in the exact geometry of the first frame, which an image includes.
+    # The target is chosen in the exact geometry of the first frame, with which its image goes on.
     assert renders[first] >= 1
+    assert renders.pop("_find_surfaces") == (5 if each == "render" else 1)
     # Of 5 frames the last, captured just now, is shown by images alone; its depth may be under way.
     expected = {"exact_view": 0, "depth_view": 0, "render": 0, first: 1}
     if each is not None:
@@ -209,7 +210,14 @@ def test_less_detail_comes_from_more_where_that_is_under_way(rig, renders):
     view.whole.begin()
     depths = [one.depth.wait() for one in (view, alone)]
     assert view.geometry.wait() is view.depth.wait() is view.whole.wait()
-    assert renders == {"depth_view": 1, "exact_view": 0, "render": 1}
+    assert renders == {"depth_view": 1, "exact_view": 0, "render": 1, "_find_surfaces": 1}
     for name, values in vars(depths[1]).items():
         np.testing.assert_array_equal(values, getattr(depths[0], name))
+    # Geometry that was begun before the image is there before it, and the image goes on with it.
+    third = renderer.take(None, np.eye(4))
+    third.only_geometry.begin()
+    third.whole.begin()
+    assert third.geometry is third.only_geometry
+    np.testing.assert_array_equal(third.geometry.wait().normals, third.whole.wait().normals)
+    assert renders == {"depth_view": 1, "exact_view": 1, "render": 2, "_find_surfaces": 2}
     renderer.close()
