@@ -70,6 +70,13 @@ class BackgroundWorker:
         if self.abandoned:
             self.abandon()
 
+    def unfinished(self) -> "BackgroundWorker | None":
+        """Return the worker that may be at a job: this one, if it has begun none the one before it, or None."""
+        if self._begun is None:
+            return self._before
+        # One thread, so that the newest job is the last.
+        return None if self._begun.done() else self
+
     def abandon(self) -> None:
         """Forget all jobs but one that is under way; does not wait for it."""
         self.abandoned = True

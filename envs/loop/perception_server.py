@@ -173,10 +173,11 @@ class PerceptionServer:
             served.append(ServedFrame(captured=job.captured, available_ns=job.done_ns, estimate=job.estimate))
         return served
 
-    def abandon(self) -> BackgroundWorker:
+    def abandon(self) -> BackgroundWorker | None:
         """Begin nothing any more; return whoever may be using the estimator, without waiting for it."""
+        unfinished = self._thread.unfinished()
         self._thread.abandon()
-        return self._thread
+        return unfinished
 
     def settle(self) -> None:
         """Wait for what is under way, and go on."""

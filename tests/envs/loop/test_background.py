@@ -105,6 +105,26 @@ def test_the_first_job_waits_for_what_an_abandoned_worker_is_at(timer, queued):
     new.close()
 
 
+def test_workers_that_begin_nothing_do_not_pile_up(timer):
+    started, release = threading.Event(), threading.Event()
+    busy = BackgroundWorker("perception", timer)
+    assert busy.unfinished() is None
+    job = busy.later(lambda: (started.set(), release.wait(5.0))).begin()
+    assert started.wait(5.0)
+    worker = busy
+    for _ in range(3):
+        before = worker.unfinished()
+        assert before is busy
+        worker.abandon()
+        worker = BackgroundWorker("perception", timer, after=before)
+    release.set()
+    worker.later(lambda: None).wait()
+    assert job.done()
+    worker.settle()
+    assert worker.unfinished() is None
+    worker.close()
+
+
 @pytest.mark.parametrize("end", ["close", "settle"])
 def test_to_end_a_worker_ends_the_one_before_it(timer, end):
     started, release = threading.Event(), threading.Event()
