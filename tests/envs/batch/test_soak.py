@@ -49,9 +49,13 @@ def test_random_steps_leave_neither_nan_nor_growing_memory(monkeypatch, held, le
     rng = np.random.default_rng(0)
 
     def look():
-        # A steeper tissue has a finer mesh, and another scope other tables: memory is compared in the same theatres.
-        vector.reset(seed=0)
-        return held()
+        # A steeper tissue has a finer mesh, and another scope other tables: memory is compared in the same theatres. What the
+        # allocator holds of images still differs by a per cent from reset to reset: of five looks the middle one counts.
+        looks = []
+        for _ in range(5):
+            vector.reset(seed=0)
+            looks.append(held())
+        return sorted(looks, key=lambda one: one.memory_mb)[2]
 
     vector.reset(seed=0)
     wander(vector, STEPS[observed] // 2, rng)
