@@ -84,6 +84,18 @@ def held():
     return Held.now
 
 
+@pytest.fixture
+def returned_memory():
+    """Have the allocator give every array back as it is freed; else it keeps some of them, by the chances of threads."""
+    if sys.platform != "linux":
+        yield
+        return
+    threshold, default = -3, 128 * 1024
+    ctypes.CDLL(None).mallopt(threshold, 64 * 1024)
+    yield
+    ctypes.CDLL(None).mallopt(threshold, default)
+
+
 @pytest.fixture(scope="session")
 def coarse_task():
     """Make environments that whoever asks for them closes."""
