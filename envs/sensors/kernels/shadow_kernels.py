@@ -26,6 +26,7 @@ _ALL = wp.constant(wp.uint32(0xFFFFFFFF))
 """A bit for each point of the aperture."""
 Recent = wp.types.vector(length=8, dtype=wp.int32)
 """Triangles or vertices that were the last to be looked at."""
+_OWN_SURFACE = wp.constant(2.0e-4)
 _NARROW_PX = wp.constant(1.5)
 _NARROWEST_PX = wp.constant(0.3)
 """Half width of a penumbra on the projector's depth map, below which it counts as sharp."""
@@ -37,33 +38,28 @@ def _penumbra_px(view: View, projection: Projection):
     return projection.radius * wp.max(view.focal[0], view.focal[1])
 
 
-@wp.func_native("""
-int found = 0;
-#pragma clang loop vectorize(assume_safety)
-for (int i = low; i < high; ++i) {
-    const unsigned long long here = keys.data[i], there = keys.data[i + offset];
-    const unsigned int first = (unsigned int)(here >> 32), second = (unsigned int)(there >> 32);
-    float z, other;
-    memcpy(&z, &first, 4);
-    memcpy(&other, &second, 4);
-    // What shows nothing is not a number.
-    z = z < 100.0f ? z : 100.0f;
-    other = other < 100.0f ? other : 100.0f;
-    const float step = other - z;
-    found |= (step > 0.0f ? step : -step) > least * z * other;
-}
-return found;
-""")
-def _has_step(low: int, high: int, offset: int, least: float, keys: wp.array(dtype=wp.uint64)) -> int:
-    """Whether inverse depths of pixels from `low` to before `high` and of those at an offset differ by more than `least`."""
+@wp.func
+def _depth_m(key: wp.uint64):
+    z = float(_NOTHING_M)
+    if key != _NOTHING:
+        z = wp.cast(wp.uint32(key >> wp.uint64(32)), wp.float32)
+    return z
 
 
 @wp.func
 def _inverse_depth(key: wp.uint64):
-    z = float(_NOTHING_M)
-    if key != _NOTHING:
-        z = wp.cast(wp.uint32(key >> wp.uint64(32)), wp.float32)
-    return 1.0 / z
+    return 1.0 / _depth_m(key)
+
+
+@wp.func
+def _has_step(low: int, high: int, offset: int, least: float, keys: wp.array(dtype=wp.uint64)) -> bool:
+    """Whether inverse depths of pixels from `low` to before `high` and of those at an offset differ by more than `least`."""
+    for i in range(low, high):
+        here = _depth_m(keys[i])
+        there = _depth_m(keys[i + offset])
+        if wp.abs(there - here) > least * here * there:
+            return True
+    return False
 
 
 @wp.kernel
@@ -88,7 +84,7 @@ def mark_borders(
     for axis in range(2):
         offset = wp.where(axis == 0, 1, view.width)
         stop = wp.min(start + run, count - offset)
-        if start < stop and _has_step(start, stop, offset, least, keys) != 0:
+        if start < stop and _has_step(start, stop, offset, least, keys):
             for pixel in range(start, stop):
                 here = _inverse_depth(keys[pixel])
                 there = _inverse_depth(keys[pixel + offset])
@@ -144,28 +140,26 @@ def find_penumbra(
         visible[i] = seen
 
 
-@wp.func_native("""
-unsigned int covered = 0u;
-#pragma clang loop vectorize(assume_safety)
-for (int k = 0; k < 32; ++k) {
-    const float x = radius * disk.data[2 * k], y = radius * disk.data[2 * k + 1];
-    const float first = a[0] * x + a[1] * y + a[2];
-    const float second = b[0] * x + b[1] * y + b[2];
-    const float third = c[0] * x + c[1] * y + c[2];
-    const float total = first + second + third;
-    const bool front = first > 0.0f && second > 0.0f && third > 0.0f && height > 2e-4f * total;
-    const bool back = first < 0.0f && second < 0.0f && third < 0.0f && height < 2e-4f * total;
-    covered |= (front || back ? 1u : 0u) << k;
-}
-return covered;
-""")
-def _covered(a: wp.vec3, b: wp.vec3, c: wp.vec3, height: float, radius: float, disk: wp.array(dtype=wp.float32)) -> wp.uint32:
+@wp.func
+def _covered(a: wp.vec3, b: wp.vec3, c: wp.vec3, height: float, radius: float, disk: wp.array(dtype=wp.float32)):
     """Return a bit for each of 32 points of the aperture whose light a triangle keeps from a point.
 
     `a`, `b` and `c` give, as a[0] x + a[1] y + a[2], on which side of the planes through the point and an edge an aperture's
     point (x, y) lies; `height` is six times the volume of triangle and point. Its ratio to the sum of the three says where the
     ray meets the triangle; what is within 0.02 % of the way is the point's own surface.
     """
+    covered = wp.uint32(int(0))
+    for k in range(32):
+        on_aperture = wp.vec3(radius * disk[2 * k], radius * disk[2 * k + 1], 1.0)
+        first = wp.dot(a, on_aperture)
+        second = wp.dot(b, on_aperture)
+        third = wp.dot(c, on_aperture)
+        own = _OWN_SURFACE * (first + second + third)
+        front = first > 0.0 and second > 0.0 and third > 0.0 and height > own
+        back = first < 0.0 and second < 0.0 and third < 0.0 and height < own
+        if front or back:
+            covered = covered | (wp.uint32(1) << wp.uint32(k))
+    return covered
 
 
 @wp.func
