@@ -17,9 +17,10 @@ class PredictArguments:
     """Estimate depth in pictures that a calibrated scope took, one by one.
 
     Of each picture NAME it writes the depth as `NAME_depth.png` (16 bits, units of 0.01 mm, 0 where invalid) and
-    `NAME_depth.npy` (mm, NaN where invalid), the estimator's depth everywhere as `NAME_raw.npy`, its confidence, where it has
-    one, as `NAME_confidence.png` and `.npy`, the points as `NAME_cloud.ply` (mm, in the camera's frame) and `NAME_overlay.png`;
-    at the end `summary.json`. Lens distortion is taken out first. A picture without stripes has no valid pixel.
+    `NAME_depth.npy` (mm, NaN where invalid), the estimator's depth everywhere as `NAME_raw.npy`, its confidence and its
+    probability of a slip, where it has them, as `NAME_confidence.png` and `.npy` and `NAME_slip.png` and `.npy`, the points
+    as `NAME_cloud.ply` (mm, in the camera's frame) and `NAME_overlay.png`; at the end `summary.json`. Lens distortion is taken
+    out first. A picture without stripes has no valid pixel.
     """
 
     images: Path

@@ -6,6 +6,7 @@
 | `NAME_depth.npy` | (H, W) float32, z-depth in millimetres, NaN where invalid |
 | `NAME_raw.npy` | (H, W) float32, z-depth in millimetres everywhere, valid or not |
 | `NAME_confidence.png`, `.npy` | probability of being within 1 mm: 8 bits (255 is 1) and float32; where the estimator has one |
+| `NAME_slip.png`, `.npy` | probability of a slip, as the confidence; where the estimator has one |
 | `NAME_cloud.ply` | binary; the valid pixels' points in the camera's frame in millimetres, coloured by their grey values |
 | `NAME_overlay.png` | depth in colours over the picture |
 
@@ -37,9 +38,10 @@ def prediction_files(name: str, prediction: PicturePrediction, camera: Intrinsic
         f"{name}_cloud.ply": cloud_bytes(prediction.image, depth_mm, valid, camera),
         f"{name}_overlay.png": png_bytes(draw_overlay(prediction.image, depth_mm)),
     }
-    if prediction.confidence is not None:
-        files[f"{name}_confidence.npy"] = _npy_bytes(prediction.confidence)
-        files[f"{name}_confidence.png"] = png_bytes(np.round(255.0 * prediction.confidence).astype(np.uint8))
+    for what, probability in (("confidence", prediction.confidence), ("slip", prediction.slip)):
+        if probability is not None:
+            files[f"{name}_{what}.npy"] = _npy_bytes(probability)
+            files[f"{name}_{what}.png"] = png_bytes(np.round(255.0 * probability).astype(np.uint8))
     return files
 
 

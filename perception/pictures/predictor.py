@@ -32,6 +32,9 @@ class PicturePrediction:
     """Where the estimator marks its depth valid, the picture shows stripes, and the lens reaches."""
     confidence: NDArray[np.float32] | None
     """Probability of being within 1 mm, 0 where invalid; None where the estimator has none."""
+    slip: NDArray[np.float32] | None
+    """Probability of a slip, 1 where there is nothing to be read: no stripes, or beyond the lens; None where the estimator has
+    none."""
     stripes: StripePresence
     estimate_ms: float
     """Time of the estimate alone."""
@@ -83,13 +86,16 @@ class PicturePredictor:
         began = time.perf_counter()
         estimate = checked_estimate(self._estimator.estimate(image), image.shape)
         estimate_ms = 1e3 * (time.perf_counter() - began)
-        valid = estimate.valid & self._undistortion.seen & stripes.present
+        readable = self._undistortion.seen & stripes.present
+        valid = estimate.valid & readable
         confidence = None if estimate.confidence is None else np.where(valid, estimate.confidence, np.float32(0.0))
+        slip = None if estimate.slip is None else np.where(readable, estimate.slip, np.float32(1.0))
         return PicturePrediction(
             image=image,
             raw_depth_mm=estimate.depth_mm,
             valid=valid,
             confidence=confidence,
+            slip=slip,
             stripes=stripes,
             estimate_ms=estimate_ms,
         )

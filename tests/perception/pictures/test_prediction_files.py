@@ -22,6 +22,7 @@ def prediction(valid=None, *, confident=True):
         raw_depth_mm=rng.uniform(60.0, 140.0, (30, 40)).astype(np.float32),
         valid=valid,
         confidence=np.where(valid, rng.random((30, 40)), 0.0).astype(np.float32) if confident else None,
+        slip=rng.random((30, 40)).astype(np.float32) if confident else None,
         stripes=StripePresence(striped=valid, drift_turns=0.0, spread_turns=0.0, present=True),
         estimate_ms=1.0,
     )
@@ -31,7 +32,7 @@ def read(content):
     return cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
 
 
-def test_depth_and_confidence_come_back_from_their_files():
+def test_depth_and_probabilities_come_back_from_their_files():
     made = prediction()
     files = prediction_files("a", made, K)
     np.testing.assert_array_equal(np.load(io.BytesIO(files["a_raw.npy"])), made.raw_depth_mm)
@@ -42,9 +43,10 @@ def test_depth_and_confidence_come_back_from_their_files():
     assert picture.dtype == np.uint16
     assert (picture[~made.valid] == 0).all()
     assert np.abs(0.01 * picture - made.raw_depth_mm)[made.valid].max() < 0.00501  # mm, half a unit
-    np.testing.assert_array_equal(np.load(io.BytesIO(files["a_confidence.npy"])), made.confidence)
-    np.testing.assert_array_equal(read(files["a_confidence.png"]), np.round(255.0 * made.confidence))
-    assert not any("confidence" in name for name in prediction_files("a", prediction(confident=False), K))
+    for what in ("confidence", "slip"):
+        np.testing.assert_array_equal(np.load(io.BytesIO(files[f"a_{what}.npy"])), getattr(made, what))
+        np.testing.assert_array_equal(read(files[f"a_{what}.png"]), np.round(255.0 * getattr(made, what)))
+        assert not any(what in name for name in prediction_files("a", prediction(confident=False), K))
 
 
 def test_depths_that_16_bits_do_not_hold_are_invalid():

@@ -49,6 +49,7 @@ def test_a_picture_is_estimated_as_by_the_estimator_alone(design, render, sphere
     assert found.stripes.present
     assert found.note == ""
     assert found.confidence is None
+    assert found.slip is None
 
 
 def test_depth_of_a_distorted_lens_is_that_of_its_pinhole(design, render):
@@ -66,7 +67,7 @@ def test_depth_of_a_distorted_lens_is_that_of_its_pinhole(design, render):
     assert np.abs(raw.depth_mm[raw.valid] - 100.0).mean() > 0.5
 
 
-def test_confidence_is_kept_where_valid(design, render):
+def test_confidence_is_kept_where_valid_and_slip_where_there_are_stripes(design, render):
     class Confident:
         def __init__(self, rig):
             self.shape = (rig.camera.height, rig.camera.width)
@@ -75,15 +76,19 @@ def test_confidence_is_kept_where_valid(design, render):
             valid = np.zeros(self.shape, bool)
             valid[:100] = True
             depth, confidence = np.full(self.shape, 90.0, np.float32), np.full(self.shape, 0.75, np.float32)
-            return DepthEstimate(depth_mm=depth, valid=valid, confidence=confidence)
+            return DepthEstimate(depth_mm=depth, valid=valid, confidence=confidence, slip=confidence / 3.0)
 
     ESTIMATORS.register("confident", Confident)
     try:
-        found = PicturePredictor(design, "confident").predict(render(Rig.from_optics(OPTICS), np.full((256, 256), 0.1)))
+        predictor = PicturePredictor(design, "confident")
+        found = predictor.predict(render(Rig.from_optics(OPTICS), np.full((256, 256), 0.1)))
+        dark = predictor.predict(np.zeros((256, 256), np.uint8))
     finally:
         ESTIMATORS.unregister("confident")
     assert (found.confidence[:100] == 0.75).all()
     assert (found.confidence[100:] == 0.0).all()
+    assert (found.slip == 0.25).all()
+    assert (dark.slip == 1.0).all()
 
 
 @pytest.mark.parametrize("model", ["oracle", "dpt", "depth-anything"])
