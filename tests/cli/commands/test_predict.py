@@ -65,7 +65,7 @@ def test_summary_has_a_line_a_picture(out):
         assert lines[name]["median_depth_mm"] == pytest.approx(np.nanmedian(depth), abs=1e-3)
         assert lines[name]["estimate_ms"] > 0.0
     assert {entry.name for entry in out.iterdir()} == {*summary["artefacts"], "summary.json"}
-    assert len(summary["artefacts"]) == 4 * 7
+    assert len(summary["artefacts"]) == 4 * 9
 
 
 def test_bad_input_ends_with_status_2_before_anything_is_written(dataset, images, tmp_path, capsys):
