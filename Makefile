@@ -101,6 +101,8 @@ results: $(DEV)
 	  --out runs/held-out
 	for set in worlds held-out; do $(BIN)/laploop evaluate --dataset runs/$$set --models phase compact ssle-phase --out runs/depth-$$set \
 	  && cp runs/depth-$$set/depth.json $(RESULTS)/depth-$$set.json || exit 1; done
+	$(BIN)/python -P -m laploop.studies.depth.blurred_truth $(RESULTS)/depth-blur.json \
+	  $(FRAMES)/frames.zarr runs/worlds/frames.zarr runs/held-out/frames.zarr
 	$(BIN)/laploop twin --out runs/twin && cp runs/twin/summary.json $(RESULTS)/twin.json && cp runs/twin/twin.png docs/pictures/twin.png
 	$(BIN)/laploop characterize --out runs/characterization && cp runs/characterization/summary.json $(RESULTS)/characterization.json
 	$(BIN)/laploop calibrate --views 20 --out runs/calibration && cp runs/calibration/summary.json $(RESULTS)/calibration.json

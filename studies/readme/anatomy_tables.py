@@ -12,6 +12,9 @@ from laploop.studies.readme.results_tables import shown
 _MODELS = ("phase", "compact", "ssle-phase")
 """Of the tables of anatomy, in their order."""
 
+_DATA_SETS = {"frames": "held-out tissues", "worlds": "known families", "held-out": "held-out families"}
+"""What folders of frames hold."""
+
 _ORGAN_ERRORS = {"track": "normal_rms_mm", "scan": "standoff_rms_mm"}
 """What counts as a task's error on organs; the final one elsewhere."""
 
@@ -151,6 +154,23 @@ def _named(summary: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]
     for row in summary["textures"]:
         yield f"texture {row['texture']}", row
     yield from (("all", row) for row in summary["rows"] if row["working_distance_mm"] == "all")
+
+
+def blur_table(blur: Mapping[str, Any]) -> str:
+    """Return the error of exact depth that is blurred, by data set."""
+    sets = blur["sets"]
+    (sigmas_px,) = {tuple(found["sigma_px"]) for found in sets.values()}
+    lines = [
+        "Exact depth, blurred by a Gaussian of as many pixels, is off by so much on the lit pixels. A period of the stripes is",
+        "12.8 pixels wide.",
+        "",
+        f"| data set | frames | {' | '.join(f'{sigma:g} px' for sigma in sigmas_px)} |",
+        "|" + "---|" * (2 + len(sigmas_px)),
+    ]
+    for name, found in sets.items():
+        errors = " | ".join(f"{error:.2f} mm" for error in found["mae_mm"])
+        lines.append(f"| {_DATA_SETS.get(name, name)} | {found['frames']} | {errors} |")
+    return "\n".join(lines)
 
 
 def _sets(known: Mapping[str, Any], held_out: Mapping[str, Any]) -> tuple[tuple[str, Mapping[str, Any]], ...]:

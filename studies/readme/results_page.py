@@ -12,7 +12,14 @@ from typing import Any
 from laploop.errors import InvalidValueError, OutputError
 from laploop.perception.network_specs import SHIPPED
 from laploop.studies.fidelity.run import as_markdown
-from laploop.studies.readme.anatomy_tables import anatomy_table, confidence_table, light_table, organs_table, slip_table
+from laploop.studies.readme.anatomy_tables import (
+    anatomy_table,
+    blur_table,
+    confidence_table,
+    light_table,
+    organs_table,
+    slip_table,
+)
 from laploop.studies.readme.bench_tables import against_table, bench_rows_table, dense_kernels_table
 from laploop.studies.readme.readme_tables import summary_markdown
 from laploop.studies.readme.results_tables import (
@@ -42,8 +49,8 @@ TRIALS = tuple(f"{name}-{motion}" for name in MODELS for motion in ("still", "br
 def results_markdown(folder: Path) -> str:
     """Return the page of results for the summaries in `folder`.
 
-    Those of trials, tasks, organs, anatomy and the confidence and slips on it, the path tracer, robustness, speed, fidelity,
-    of another revision, of dense kernels and of an injected calibration error are left out where they are missing.
+    Those of trials, tasks, organs, anatomy and the confidence and slips on it, blur, the path tracer, robustness, speed,
+    fidelity, of another revision, of dense kernels and of an injected calibration error are left out where they are missing.
 
     Raises:
         MissingFileError: If the folder lacks one of the others.
@@ -52,7 +59,7 @@ def results_markdown(folder: Path) -> str:
     trials = [read_summary(path) for name in TRIALS if (path := folder / f"trials-{name}.json").is_file()]
     organs = [read_summary(path) for path in sorted(folder.glob("organs-*.json"))]
     speeds = [read_summary(path) for name in MODELS if (path := folder / f"speed-{name}.json").is_file()]
-    tasks, fast, residual, robustness, fidelity, against, kernels, known, held_out, twin = (
+    tasks, fast, residual, robustness, fidelity, against, kernels, known, held_out, twin, blur = (
         read_summary(path) if (path := folder / f"{name}.json").is_file() else None
         for name in (
             "tasks",
@@ -65,6 +72,7 @@ def results_markdown(folder: Path) -> str:
             "depth-worlds",
             "depth-held-out",
             "twin",
+            "depth-blur",
         )
     )
     sensor = (read_summary(folder / f"{name}.json") for name in ("characterization", "calibration", "collection"))
@@ -77,6 +85,7 @@ def results_markdown(folder: Path) -> str:
         "Depth on anatomy": anatomy_table(known, held_out) if known and held_out else None,
         "Confidence on anatomy": confidence_table(known, held_out) if known and held_out else None,
         "Slips on anatomy": slip_table(known, held_out) if known and held_out else None,
+        "What blur alone costs": blur_table(blur) if blur else None,
         "Depth under the path tracer's light": light_table(twin) if twin else None,
         "Depth against the reference camera": _pairs_table(pairs),
         "What an error of the calibration costs": residual_table(residual, pairs) if residual else None,
