@@ -21,15 +21,15 @@ class LearnerSpec:
 
 LEARNERS: dict[str, LearnerSpec] = {
     "reach": LearnerSpec(
-        entry_point="laploop.envs.learning.reach:ReachLearnerEnv", max_episode_steps=250, reward_threshold=2.2
+        entry_point="laploop.envs.learning.reach:ReachLearnerEnv", max_episode_steps=250, reward_threshold=2.1
     ),
     "track": LearnerSpec(
-        entry_point="laploop.envs.learning.track:TrackLearnerEnv", max_episode_steps=500, reward_threshold=3.0
+        entry_point="laploop.envs.learning.track:TrackLearnerEnv", max_episode_steps=500, reward_threshold=3.1
     ),
     "palpate": LearnerSpec(
-        entry_point="laploop.envs.learning.palpate:PalpateLearnerEnv", max_episode_steps=375, reward_threshold=3.4
+        entry_point="laploop.envs.learning.palpate:PalpateLearnerEnv", max_episode_steps=375, reward_threshold=2.6
     ),
-    "scan": LearnerSpec(entry_point="laploop.envs.learning.scan:ScanLearnerEnv", max_episode_steps=750, reward_threshold=3.3),
+    "scan": LearnerSpec(entry_point="laploop.envs.learning.scan:ScanLearnerEnv", max_episode_steps=750, reward_threshold=3.2),
     "look": LearnerSpec(entry_point="laploop.envs.learning.look:LookLearnerEnv", max_episode_steps=250, reward_threshold=2.5),
 }
 """By task."""
