@@ -1,6 +1,4 @@
-import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -15,72 +13,16 @@ import psutil
 import pytest
 
 from laploop.assets.scope_optics import ScopeOptics
-from laploop.assets.stripe_mask import StripeMask
-from laploop.assets.tissue_config import TissueConfig, TissueMaterial, TissueShape
-from laploop.envs.sensors.reference.optics import ReferenceOptics
+from laploop.assets.tissue_config import TissueMaterial
 from laploop.errors import DatasetError, InvalidValueError, MissingFileError, OutputError, SimulationError, WorkerError
 from laploop.perception.calibration.calibration_file import save_calibration
-from laploop.perception.calibration.results import CameraCalibration, StereoCalibration
 from laploop.perception.data.check import check_dataset
 from laploop.perception.data.datasets import open_dataset
 from laploop.perception.data.frame_store import FrameStore
-from laploop.perception.data.pair_store import PairFrame, PairStore
+from laploop.perception.data.pair_store import PairStore
 from laploop.perception.geometry import Rig
-from laploop.perception.reprojection import BrownDistortion
 from laploop.studies.acquisition import run as acquisition
-from laploop.studies.acquisition.card import measure_pairs, summarise, write_card
-from laploop.studies.acquisition.config import AcquisitionConfig
 from laploop.studies.acquisition.run import collect_pairs
-from laploop.studies.scenes.optical_bench import OpticalBench
-
-SMALL = AcquisitionConfig(
-    pairs=7,
-    tissues=3,
-    workers=1,
-    tool_share=0.3,
-    seed=5,
-    bench=OpticalBench(
-        scope=ScopeOptics(width=64, height=64, mask=StripeMask(stripes=10)), reference=ReferenceOptics(sampling="4x4")
-    ),
-    tissue=TissueConfig(shape=TissueShape(samples=31), cells=(4, 4)),
-)
-
-
-def _calibration(bench):
-    """Return what a bench would find whose calibration were perfect."""
-
-    def camera(intrinsics):
-        return CameraCalibration(
-            intrinsics=intrinsics,
-            distortion=BrownDistortion(),
-            view_errors_px=(0.0,) * 5,
-            camera_from_board=np.stack([np.eye(4)] * 5),
-        )
-
-    return StereoCalibration(
-        scope=camera(bench.rig.camera),
-        reference=camera(bench.reference.intrinsics),
-        scope_from_reference=bench.scope_from_reference,
-        view_errors_px=(0.0,) * 5,
-    )
-
-
-@pytest.fixture(scope="module")
-def calibration(tmp_path_factory):
-    path = tmp_path_factory.mktemp("calibration") / "calibration.json"
-    save_calibration(path, _calibration(SMALL.bench))
-    return path
-
-
-@pytest.fixture(scope="module")
-def store(tmp_path_factory, calibration):
-    return PairStore.open(collect_pairs(SMALL, tmp_path_factory.mktemp("data") / "pairs", calibration=calibration))
-
-
-@pytest.fixture
-def copied(store, tmp_path):
-    shutil.copytree(store.path, tmp_path / "copy")
-    return tmp_path / "copy"
 
 
 def _assert_same(path, store):
@@ -134,8 +76,8 @@ def test_reference_depth_of_a_perfect_calibration_is_the_exact_depth(store):
         assert np.median(np.abs(difference[both])) < 0.5
 
 
-def test_shadows_are_seen_surfaces_inside_the_field_that_are_not_lit(store):
-    half = SMALL.bench.scope.mask.half_width_tan
+def test_shadows_are_seen_surfaces_inside_the_field_that_are_not_lit(store, small):
+    half = small.bench.scope.mask.half_width_tan
     for index in range(len(store)):
         frame = store.frame(index)
         inside = (np.abs(frame.projector_x) <= half) & (np.abs(frame.projector_y) <= half)
@@ -144,8 +86,8 @@ def test_shadows_are_seen_surfaces_inside_the_field_that_are_not_lit(store):
     assert any(store.frame(index).shadow.any() for index in range(len(store)))
 
 
-def test_mask_coordinates_are_those_of_the_exact_depth(store):
-    rig = Rig.from_optics(SMALL.bench.scope)
+def test_mask_coordinates_are_those_of_the_exact_depth(store, small):
+    rig = Rig.from_optics(small.bench.scope)
     expected = rig.projector_x(1e-3 * store.depth_mm(2).astype(np.float64))
     np.testing.assert_allclose(store.frame(2).projector_x, expected, atol=2e-6)  # tangent; single precision
 
@@ -164,8 +106,8 @@ def test_tool_is_in_view_where_it_was_planned(store):
         assert (store.metadata(index)["tool"] is not None) == store.tool_in_view[index]
 
 
-def test_processes_make_the_same_pairs_as_one(store, tmp_path, calibration):
-    path = collect_pairs(replace(SMALL, workers=2), tmp_path / "pairs", calibration=calibration)
+def test_processes_make_the_same_pairs_as_one(store, tmp_path, calibration, small):
+    path = collect_pairs(replace(small, workers=2), tmp_path / "pairs", calibration=calibration)
     _assert_same(path, store)
 
 
@@ -173,7 +115,7 @@ def _reporting_to(report):
     return lambda _what, _total: nullcontext(report)
 
 
-def test_pair_does_not_depend_on_those_before_it(store, tmp_path, calibration):
+def test_pair_does_not_depend_on_those_before_it(store, tmp_path, calibration, small):
     reports = []
 
     class Interruption(Exception):  # noqa: N818 - stands for Ctrl-C
@@ -186,11 +128,11 @@ def test_pair_does_not_depend_on_those_before_it(store, tmp_path, calibration):
 
     path = tmp_path / "pairs"
     with pytest.raises(Interruption):
-        collect_pairs(SMALL, path, calibration=calibration, progress=_reporting_to(interrupt))
+        collect_pairs(small, path, calibration=calibration, progress=_reporting_to(interrupt))
     assert PairStore.open(path).count_done() == 5
     for lost in ("1", "4"):
         (path / "checksum" / f"c.{lost}.0").unlink()
-    collect_pairs(SMALL, path, calibration=calibration, progress=_reporting_to(reports.append))
+    collect_pairs(small, path, calibration=calibration, progress=_reporting_to(reports.append))
     assert reports == [0, 1, 2, 3, 4, 5, 3, 4, 5, 6, 7, 7]
     _assert_same(path, store)
 
@@ -200,22 +142,24 @@ import sys
 from pathlib import Path
 from dataclasses import replace
 from importlib.util import module_from_spec, spec_from_file_location
+from laploop.studies.acquisition.run import collect_pairs
 spec = spec_from_file_location("acquisition_plan", sys.argv[1])
 plan = module_from_spec(spec)
 spec.loader.exec_module(plan)
 if __name__ == "__main__":
     config = replace(plan.SMALL, workers=int(sys.argv[4]))
-    plan.collect_pairs(config, Path(sys.argv[2]), calibration=Path(sys.argv[3]))
+    collect_pairs(config, Path(sys.argv[2]), calibration=Path(sys.argv[3]))
 """
 
 
 def _start(script, path, calibration, workers):
-    command = [sys.executable, str(script), __file__, str(path), str(calibration), str(workers)]
+    plan = Path(__file__).with_name("conftest.py")
+    command = [sys.executable, str(script), str(plan), str(path), str(calibration), str(workers)]
     return subprocess.Popen(command, stderr=subprocess.DEVNULL)  # noqa: S603 - our own script
 
 
 @pytest.mark.slow
-def test_killed_collection_goes_on_to_the_same_pairs(store, tmp_path, calibration):
+def test_killed_collection_goes_on_to_the_same_pairs(store, tmp_path, calibration, small):
     script = tmp_path / "collect.py"
     script.write_text(_SCRIPT)
     path, rng = tmp_path / "pairs", np.random.default_rng(0)
@@ -235,7 +179,7 @@ def test_killed_collection_goes_on_to_the_same_pairs(store, tmp_path, calibratio
         counted = PairStore.open(path).count_done()
         time.sleep(1.0)
         assert PairStore.open(path).count_done() == counted
-    collect_pairs(SMALL, path, calibration=calibration)
+    collect_pairs(small, path, calibration=calibration)
     _assert_same(path, store)
     assert check_dataset(PairStore.open(path)).passed
 
@@ -260,11 +204,11 @@ def _listening(pid):
 
 @pytest.mark.slow
 @needs_ray
-def test_ray_makes_the_same_pairs_and_listens_to_this_machine_alone(store, tmp_path, calibration, monkeypatch):
+def test_ray_makes_the_same_pairs_and_listens_to_this_machine_alone(store, tmp_path, calibration, monkeypatch, small):
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     addresses = set()
     path = collect_pairs(
-        replace(SMALL, engine="ray", workers=2),
+        replace(small, engine="ray", workers=2),
         tmp_path / "pairs",
         calibration=calibration,
         progress=_reporting_to(lambda _: addresses.update(_listening(os.getpid()))),
@@ -283,17 +227,17 @@ def no_calibration(monkeypatch):
     monkeypatch.setattr(acquisition, "calibrate_bench", fail)
 
 
-def test_missing_ray_is_an_error_that_names_the_extra_before_any_work(tmp_path, no_calibration, monkeypatch):
+def test_missing_ray_is_an_error_that_names_the_extra_before_any_work(tmp_path, no_calibration, monkeypatch, small):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(MissingFileError, match=r"laploop\[ray\]"):
-        collect_pairs(replace(SMALL, engine="ray"), tmp_path / "pairs")
+        collect_pairs(replace(small, engine="ray"), tmp_path / "pairs")
 
 
 @needs_ray
-def test_cluster_that_cannot_be_reached_or_started_is_an_error_before_any_work(tmp_path, no_calibration, monkeypatch):
+def test_cluster_that_cannot_be_reached_or_started_is_an_error_before_any_work(tmp_path, no_calibration, monkeypatch, small):
     monkeypatch.setenv("RAY_ADDRESS", "127.0.0.1:1")
     with pytest.raises(WorkerError, match=r"cannot reach the Ray cluster at 127\.0\.0\.1:1: .*refused"):
-        collect_pairs(replace(SMALL, engine="ray"), tmp_path / "pairs")
+        collect_pairs(replace(small, engine="ray"), tmp_path / "pairs")
     monkeypatch.delenv("RAY_ADDRESS")
 
     def fail(**_):
@@ -301,152 +245,64 @@ def test_cluster_that_cannot_be_reached_or_started_is_an_error_before_any_work(t
 
     monkeypatch.setattr("ray.init", fail)
     with pytest.raises(WorkerError, match=r"cannot start a Ray cluster: no space in /dev/shm$"):
-        collect_pairs(replace(SMALL, engine="ray"), tmp_path / "pairs")
+        collect_pairs(replace(small, engine="ray"), tmp_path / "pairs")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_tissue_that_does_not_settle_is_an_error(tmp_path, calibration):
-    wobbly = replace(SMALL.tissue, material=TissueMaterial(young_pa=1000.0, damping_s=1e-4))
+def test_tissue_that_does_not_settle_is_an_error(tmp_path, calibration, small):
+    wobbly = replace(small.tissue, material=TissueMaterial(young_pa=1000.0, damping_s=1e-4))
     with pytest.raises(SimulationError, match="still moves"):
-        collect_pairs(replace(SMALL, pairs=1, tissue=wobbly), tmp_path / "pairs", calibration=calibration)
+        collect_pairs(replace(small, pairs=1, tissue=wobbly), tmp_path / "pairs", calibration=calibration)
 
 
-def test_another_configuration_or_calibration_is_refused(store, copied, calibration, tmp_path):
+def test_another_configuration_or_calibration_is_refused(store, copied, calibration, tmp_path, small, calibration_of):
     with pytest.raises(OutputError, match="different: seed"):
-        collect_pairs(replace(SMALL, seed=6), copied, calibration=calibration)
+        collect_pairs(replace(small, seed=6), copied, calibration=calibration)
     with pytest.raises(OutputError, match="different: calibration_file_sha256"):
-        collect_pairs(SMALL, copied)
+        collect_pairs(small, copied)
     other = tmp_path / "other.json"
-    save_calibration(other, replace(_calibration(SMALL.bench), view_errors_px=(0.1,) * 5))
+    save_calibration(other, replace(calibration_of(small.bench), view_errors_px=(0.1,) * 5))
     with pytest.raises(OutputError, match="different: calibration_file_sha256"):
-        collect_pairs(SMALL, copied, calibration=other)
+        collect_pairs(small, copied, calibration=other)
     _assert_same(copied, store)
 
 
-def test_folder_with_a_data_set_of_another_kind_is_refused(tmp_path, calibration):
+def test_folder_with_a_data_set_of_another_kind_is_refused(tmp_path, calibration, small):
     path = FrameStore.create(
         tmp_path / "frames",
-        optics=SMALL.bench.scope,
+        optics=small.bench.scope,
         tissue_seed=np.zeros(1, np.int64),
         split=np.zeros(1, np.uint8),
         tool_in_view=np.zeros(1, bool),
         config={},
     ).path
     with pytest.raises(DatasetError, match="laploop-frames"):
-        collect_pairs(SMALL, path, calibration=calibration)
+        collect_pairs(small, path, calibration=calibration)
 
 
-def test_calibration_that_is_missing_is_an_error_before_anything_is_written(tmp_path):
+def test_calibration_that_is_missing_is_an_error_before_anything_is_written(tmp_path, small):
     with pytest.raises(MissingFileError, match="calibration"):
-        collect_pairs(SMALL, tmp_path / "pairs", calibration=tmp_path / "nothing.json")
+        collect_pairs(small, tmp_path / "pairs", calibration=tmp_path / "nothing.json")
     assert list(tmp_path.iterdir()) == []
 
 
-def test_calibration_of_another_scope_is_refused_before_anything_is_written(tmp_path, calibration):
-    bench = replace(SMALL.bench, scope=ScopeOptics(width=96, height=64))
+def test_calibration_of_another_scope_is_refused_before_anything_is_written(tmp_path, calibration, small):
+    bench = replace(small.bench, scope=ScopeOptics(width=96, height=64))
     with pytest.raises(InvalidValueError, match=r"calibration\.json is \(64, 64\); allowed: \(96, 64\)"):
-        collect_pairs(replace(SMALL, bench=bench), tmp_path / "pairs", calibration=calibration)
+        collect_pairs(replace(small, bench=bench), tmp_path / "pairs", calibration=calibration)
     assert list(tmp_path.iterdir()) == []
 
 
-def test_bench_is_calibrated_once_where_no_calibration_is_given(tmp_path, monkeypatch):
+def test_bench_is_calibrated_once_where_no_calibration_is_given(tmp_path, monkeypatch, small, calibration_of):
     asked = []
 
     def calibrate(config, progress):
         asked.append((config.views, config.seed, config.bench.reference.region))
-        return type("Found", (), {"stereo": _calibration(config.bench)})
+        return type("Found", (), {"stereo": calibration_of(config.bench)})
 
     monkeypatch.setattr(acquisition, "calibrate_bench", calibrate)
-    config = replace(SMALL, pairs=1, calibration_views=12)
+    config = replace(small, pairs=1, calibration_views=12)
     for _ in range(2):
         path = collect_pairs(config, tmp_path / "pairs")
     assert asked == [(12, 5, None)]
     assert check_dataset(PairStore.open(path)).passed
-
-
-def test_good_data_set_passes_the_check(store):
-    seen = []
-    result = check_dataset(store, report=seen.append)
-    assert result.passed
-    assert (result.frames, result.done) == (7, 7)
-    assert seen == list(range(1, 8))
-
-
-def _cut_off(path):
-    chunk = path / "depth_mm" / "c.3.0.0"
-    chunk.write_bytes(chunk.read_bytes()[:100])
-
-
-def _change_a_value(path):
-    image = PairStore.open(path, writable=True)._arrays["image"]
-    image[3, 0, 0] = 255 - int(image[3, 0, 0])
-
-
-@pytest.mark.parametrize(
-    ("damage", "message"),
-    [
-        (lambda path: (path / "checksum" / "c.3.0").unlink(), "pair 3: not done"),
-        (_cut_off, "pair 3: depth_mm of pair 3"),
-        (_change_a_value, "differs from what was written"),
-        (lambda path: (path / "depth_mm" / "c.3.0.0").unlink(), "differs from what was written"),
-        (lambda path: shutil.copy(path / "image" / "c.2.0.0", path / "image" / "c.3.0.0"), "differs from what was written"),
-        (lambda path: (path / "lit" / "c.3.0.0").write_bytes(b""), "pair 3: lit of pair 3"),
-    ],
-)
-def test_check_finds_damage_and_says_where(copied, damage, message):
-    damage(copied)
-    (problem,) = check_dataset(PairStore.open(copied)).problems
-    assert problem.startswith("pair 3: ")
-    assert message in problem
-
-
-@pytest.mark.parametrize(
-    ("name", "change", "message"),
-    [
-        ("reference_depth_mm", lambda mm: mm + np.float32(0.5), "its reference depth is not what"),
-        ("reference_depth_mm", lambda mm: np.full_like(mm, np.nan), "have a reference depth"),
-        ("depth_mm", lambda mm: mm + np.float32(5.0), "differ by"),
-        ("projector_x", lambda x: np.full_like(x, np.nan), "finite"),
-        ("lit", np.zeros_like, "the projector reaches"),
-        ("image", np.zeros_like, "its image is uniform"),
-    ],
-)
-def test_check_finds_what_cannot_be(copied, name, change, message):
-    store = PairStore.open(copied, writable=True)
-    frame = vars(store.frame(3))
-    store.write(3, PairFrame(**{**frame, name: change(frame[name])}), store.metadata(3))
-    problems = check_dataset(store).problems
-    assert any(message in problem for problem in problems), problems
-    assert all(problem.startswith("pair 3: ") for problem in problems)
-
-
-def test_check_finds_metadata_of_another_pair(copied):
-    store = PairStore.open(copied, writable=True)
-    store.write(3, store.frame(3), store.metadata(4))
-    assert check_dataset(store).problems == ("pair 3: its metadata belong to pair 4",)
-
-
-def test_check_finds_a_tissue_in_two_splits(tmp_path):
-    store = FrameStore.create(
-        tmp_path / "frames",
-        optics=SMALL.bench.scope,
-        tissue_seed=np.array([0, 1, 1]),
-        split=np.array([0, 0, 1], np.uint8),
-        tool_in_view=np.zeros(3, bool),
-        config={},
-    )
-    problems = check_dataset(store).problems
-    assert problems == ("tissue 1: in more than one split (train, val)", *(f"frame {index}: not done" for index in range(3)))
-
-
-def test_card_tells_splits_statistics_and_the_true_residual(store):
-    statistics = measure_pairs(store)
-    summary = summarise(store, statistics)
-    assert summary["pairs"] == {"train": 3, "val": 2, "test": 2}
-    assert summary["tissues"] == {"train": 1, "val": 1, "test": 1}
-    assert summary["calibration"]["true_residual_mm"] < 1e-9
-    assert summary["working_distance_mm"]["least"] == statistics.working_distance_mm.min()
-    card = write_card(store, summary)
-    assert "| test | 1 | 2 |" in card
-    assert "examples.png" in card
-    assert json.dumps(summary, allow_nan=False)
