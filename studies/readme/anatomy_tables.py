@@ -6,6 +6,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from laploop.assets.scope_optics import ScopeOptics
+from laploop.perception.geometry import Rig
 from laploop.perception.reliability import TENTHS
 from laploop.studies.readme.results_tables import shown
 
@@ -158,16 +160,17 @@ def _named(summary: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str, Any]]
 
 def blur_table(blur: Mapping[str, Any]) -> str:
     """Return the error of exact depth that is blurred, by data set."""
-    sets = blur["sets"]
-    (sigmas_px,) = {tuple(found["sigma_px"]) for found in sets.values()}
+    rig = Rig.from_optics(ScopeOptics())
+    heads = [f"{sigma_px:g} px" for sigma_px in blur["sigma_px"]]
     lines = [
-        "Exact depth, blurred by a Gaussian of as many pixels, is off by so much on the lit pixels. A period of the stripes is",
-        "12.8 pixels wide.",
+        "What exact depth is off by on the lit pixels once it is blurred, by the standard deviation of the Gaussian. It is a",
+        "yardstick and no bound: whoever keeps edges sharp is better than a blur. A period of the nominal stripes is",
+        f"{rig.mask.period_tan * rig.camera.fx:.1f} pixels wide.",
         "",
-        f"| data set | frames | {' | '.join(f'{sigma:g} px' for sigma in sigmas_px)} |",
-        "|" + "---|" * (2 + len(sigmas_px)),
+        f"| data set | frames | {' | '.join(heads)} |",
+        "|" + "---|" * (2 + len(heads)),
     ]
-    for name, found in sets.items():
+    for name, found in blur["sets"].items():
         errors = " | ".join(f"{error:.2f} mm" for error in found["mae_mm"])
         lines.append(f"| {_DATA_SETS.get(name, name)} | {found['frames']} | {errors} |")
     return "\n".join(lines)

@@ -90,10 +90,11 @@ def returned_memory():
     if sys.platform != "linux":
         yield
         return
-    threshold, default = -3, 128 * 1024
+    # Arrays of more than 64 kB are mapped for themselves. glibc's M_MMAP_THRESHOLD, whose default is 128 kB.
+    threshold = -3
     ctypes.CDLL(None).mallopt(threshold, 64 * 1024)
     yield
-    ctypes.CDLL(None).mallopt(threshold, default)
+    ctypes.CDLL(None).mallopt(threshold, 128 * 1024)
 
 
 @pytest.fixture(scope="session")

@@ -19,10 +19,12 @@ wp.set_module_options({"enable_backward": False})
 LINE_OF_SIGHT = 1
 INSIDE_FIELD = 2
 DOUBTFUL = 4
+OWN_SURFACE = 2.0e-4
+"""Fraction of the way from a point to the projector within which what a ray meets is the point's own surface."""
 
 _LINE_OF_SIGHT = wp.constant(wp.uint8(LINE_OF_SIGHT))
 _DOUBTFUL = wp.constant(wp.uint8(DOUBTFUL))
-_SHADOW_RAY_END = wp.constant(0.9998)
+_SHADOW_RAY_END = wp.constant(1.0 - OWN_SURFACE)
 _SAME_SURFACE_M = wp.constant(3.0e-4)
 _OTHER_SURFACE_M = wp.constant(2.0e-3)
 _NEAR_M = wp.constant(1.0e-3)

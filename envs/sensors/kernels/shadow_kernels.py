@@ -11,7 +11,7 @@ shows around the point. A walk through the scene's tree would take ten times as 
 
 import warp as wp
 
-from laploop.envs.sensors.kernels.ray_kernels import LINE_OF_SIGHT
+from laploop.envs.sensors.kernels.ray_kernels import LINE_OF_SIGHT, OWN_SURFACE
 from laploop.envs.sensors.kernels.shading_kernels import Projection, transmitted
 from laploop.envs.sensors.kernels.zbuffer_kernels import Projector, View
 
@@ -26,7 +26,7 @@ _ALL = wp.constant(wp.uint32(0xFFFFFFFF))
 """A bit for each point of the aperture."""
 Recent = wp.types.vector(length=8, dtype=wp.int32)
 """Triangles or vertices that were the last to be looked at."""
-_OWN_SURFACE = wp.constant(2.0e-4)
+_OWN_SURFACE = wp.constant(OWN_SURFACE)
 _NARROW_PX = wp.constant(1.5)
 _NARROWEST_PX = wp.constant(0.3)
 """Half width of a penumbra on the projector's depth map, below which it counts as sharp."""
@@ -51,17 +51,6 @@ def _inverse_depth(key: wp.uint64):
     return 1.0 / _depth_m(key)
 
 
-@wp.func
-def _has_step(low: int, high: int, offset: int, least: float, keys: wp.array(dtype=wp.uint64)) -> bool:
-    """Whether inverse depths of pixels from `low` to before `high` and of those at an offset differ by more than `least`."""
-    for i in range(low, high):
-        here = _depth_m(keys[i])
-        there = _depth_m(keys[i + offset])
-        if wp.abs(there - here) > least * here * there:
-            return True
-    return False
-
-
 @wp.kernel
 def mark_borders(
     run: int,
@@ -84,20 +73,19 @@ def mark_borders(
     for axis in range(2):
         offset = wp.where(axis == 0, 1, view.width)
         stop = wp.min(start + run, count - offset)
-        if start < stop and _has_step(start, stop, offset, least, keys):
-            for pixel in range(start, stop):
-                here = _inverse_depth(keys[pixel])
-                there = _inverse_depth(keys[pixel + offset])
-                step = wp.abs(there - here)
-                if step > least:
-                    nearest = wp.max(here, there)
-                    reach = int(wp.min(radius * step, float(view.width))) + 2
-                    x = pixel % view.width
-                    y = pixel // view.width
-                    for v in range(wp.max(y - reach, 0), wp.min(y + reach + 1, view.height)):
-                        for u in range(wp.max(x - reach, 0), wp.min(x + reach + 1, view.width)):
-                            if borders[v * view.width + u] < nearest:
-                                wp.atomic_max(borders, v * view.width + u, nearest)
+        for pixel in range(start, stop):
+            z = _depth_m(keys[pixel])
+            other = _depth_m(keys[pixel + offset])
+            # Of inverse depths, without the divisions that few pixels need.
+            if wp.abs(other - z) > least * z * other:
+                nearest = 1.0 / wp.min(z, other)
+                reach = int(wp.min(radius * wp.abs(1.0 / other - 1.0 / z), float(view.width))) + 2
+                x = pixel % view.width
+                y = pixel // view.width
+                for v in range(wp.max(y - reach, 0), wp.min(y + reach + 1, view.height)):
+                    for u in range(wp.max(x - reach, 0), wp.min(x + reach + 1, view.width)):
+                        if borders[v * view.width + u] < nearest:
+                            wp.atomic_max(borders, v * view.width + u, nearest)
 
 
 @wp.func

@@ -186,18 +186,8 @@ def test_specular_reflection_peaks_between_camera_and_projector(camera, make_pla
     assert (gloss >= -1e-3).all()
 
 
-def plate_before_wall(make_plane):
-    """A plate of 16 mm at 60 mm before a wall at 100 mm."""
-    wall, plate = make_plane(0.1), make_plane(0.06, half=0.008)
-    return SceneGeometry(
-        points=np.concatenate([wall.points, plate.points]),
-        triangles=np.concatenate([wall.triangles, plate.triangles + 4]),
-        object_ids=ObjectId.OTHER,
-    )
-
-
-def test_shadow_gets_only_what_the_cavity_reflects(camera, rig, make_plane):
-    camera.attach_geometry(plate_before_wall(make_plane))
+def test_shadow_gets_only_what_the_cavity_reflects(camera, rig, plate_before_wall):
+    camera.attach_geometry(plate_before_wall())
     optics = StripeOptics(lens_blur_px=0.0, vignetting_exponent=0.0)
     camera.set_optics(optics)
     capture = camera.capture(None, AT_ORIGIN, None)
@@ -213,8 +203,8 @@ def test_shadow_gets_only_what_the_cavity_reflects(camera, rig, make_plane):
     assert (camera.capture(None, AT_ORIGIN, None).electrons[umbra] == 0.0).all()
 
 
-def test_other_lights_add_the_same_irradiance_everywhere(camera, rig, make_plane):
-    camera.attach_geometry(plate_before_wall(make_plane))
+def test_other_lights_add_the_same_irradiance_everywhere(camera, rig, plate_before_wall):
+    camera.attach_geometry(plate_before_wall())
     dark = StripeOptics(lens_blur_px=0.0, vignetting_exponent=0.0)
     without, with_lamp = (_expected(camera, replace(dark, ambient_w_m2=irradiance)) for irradiance in (0.0, 2.0))
     seen = np.isfinite(camera.capture(None, AT_ORIGIN, None).depth_mm)

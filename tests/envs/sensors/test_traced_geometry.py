@@ -3,8 +3,8 @@
 import numpy as np
 
 
-def test_an_image_is_the_same_whether_its_geometry_was_asked_for_before_or_not(camera, make_plane):
-    camera.attach_geometry(make_plane(0.09, tilt_x=0.2, tilt_y=-0.3))
+def test_an_image_is_the_same_whether_its_geometry_was_asked_for_before_or_not(camera, plate_before_wall):
+    camera.attach_geometry(plate_before_wall())
     aside = np.eye(4)
     aside[0, 3] = 0.004
     near, far = (camera.snapshot(None, pose) for pose in (np.eye(4), aside))

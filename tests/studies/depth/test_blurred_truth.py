@@ -44,12 +44,14 @@ def test_blur_leaves_planes_and_ignores_what_is_not_known():
 
 def test_a_step_costs_its_height_times_the_mean_tail_of_the_gaussian(step, tmp_path):
     main([str(tmp_path / "blur.json"), str(step)])
-    found = json.loads((tmp_path / "blur.json").read_text())["sets"]["frames"]
+    written = json.loads((tmp_path / "blur.json").read_text())
+    found = written["sets"]["frames"]
     assert found["frames"] == 2
     # The tail of a Gaussian beyond a step, integrated over both sides, is 2 sigma / sqrt(2 pi); narrow ones meet few pixels.
-    expected = 20.0 * 2.0 / np.sqrt(2.0 * np.pi) / 256 * np.array(found["sigma_px"])
+    expected = 20.0 * 2.0 / np.sqrt(2.0 * np.pi) / 256 * np.array(written["sigma_px"])
     np.testing.assert_allclose(found["mae_mm"][2:], expected[2:], rtol=0.04)
-    table = blur_table({"sets": {"frames": found}})
+    table = blur_table(written)
+    assert "12.8 pixels" in table
     assert table.splitlines()[-1].startswith("| held-out tissues | 2 | ")
 
 

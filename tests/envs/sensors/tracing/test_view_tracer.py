@@ -102,19 +102,9 @@ def test_lit_ends_at_the_border_of_the_mask(camera, rig, make_plane):
     assert view.lit[:, 25:].all()
 
 
-def plate_before_wall(make_plane, plate_z, half):
-    wall, plate = make_plane(0.1), make_plane(plate_z, half=half, object_id=ObjectId.TOOL)
-    return SceneGeometry(
-        points=np.concatenate([wall.points, plate.points]),
-        triangles=np.concatenate([wall.triangles, plate.triangles + 4]),
-        object_ids=np.array([4, 4, 2, 2]),
-        parts=np.array([0, 0, 1, 1]),
-    )
-
-
-def test_square_plate_casts_its_shadow_where_geometry_says(camera, rig, make_plane):
+def test_square_plate_casts_its_shadow_where_geometry_says(camera, rig, plate_before_wall):
     plate_z, half = 0.07, 0.008
-    camera.attach_geometry(plate_before_wall(make_plane, plate_z, half))
+    camera.attach_geometry(plate_before_wall(plate_z, plate_id=ObjectId.TOOL, half=half))
     view = camera.exact(None, AT_ORIGIN)
     rays = ray_grid(rig)
     on_plate = (np.abs(rays[..., :2]) * plate_z <= half).all(axis=-1)
@@ -253,21 +243,21 @@ def test_projector_far_wider_than_the_camera_lights_all_that_it_sees(make_plane)
     assert camera.exact(None, AT_ORIGIN).lit.all()
 
 
-def test_threads_do_not_change_a_bit(rig, make_plane):
+def test_threads_do_not_change_a_bit(rig, plate_before_wall):
     captures = []
     for threads in (1, 2, 3):
         camera = StripeCamera(rig, threads=threads)
-        camera.attach_geometry(plate_before_wall(make_plane, 0.07, 0.008))
+        camera.attach_geometry(plate_before_wall(0.07, plate_id=ObjectId.TOOL))
         captures.append(camera.capture(None, AT_ORIGIN, np.random.default_rng(5)))
     for other in captures[1:]:
         for name, values in vars(captures[0]).items():
             np.testing.assert_array_equal(values, getattr(other, name))
 
 
-def test_depth_alone_is_that_of_the_whole_view(camera, make_plane):
+def test_depth_alone_is_that_of_the_whole_view(camera, plate_before_wall):
     pose = np.eye(4)
     pose[:3, 3] = 0.01, -0.02, 0.005
-    wall = plate_before_wall(make_plane, 0.07, 0.008)
+    wall = plate_before_wall(0.07, plate_id=ObjectId.TOOL)
     wall.move(np.minimum(wall.points, [0.03, 1.0, 1.0]))
     camera.attach_geometry(wall)
     snapshot = camera.snapshot(None, pose)
